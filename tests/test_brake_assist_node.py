@@ -314,9 +314,10 @@ def test_encoders_and_an_imu_assist_without_any_twist(tmp_path: Path) -> None:
 def test_time_in_which_the_process_does_not_run_is_no_silence(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    configuration, timeout = WITHOUT_WHEELS, 0.25
+    configuration, timeout = WITHOUT_WHEELS, 1.0
     process = graph.Nodes(configuration, tmp_path, lockstep=False).brake_assist()
-    timeouts = (f"demand_timeout:={timeout}", f"feedback_timeout:={timeout}")
+    names = ("demand_timeout", "feedback_timeout", "maximum_time_step")
+    timeouts = (f"{name}:={timeout}" for name in names)
     arguments = [*process.arguments, *(word for given in timeouts for word in ("-p", given))]
     with reserved_domain() as domain:
         rclpy.init(args=arguments, domain_id=domain)

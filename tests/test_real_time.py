@@ -37,6 +37,7 @@ def test_the_steps_are_never_ahead_of_the_clock(tmp_path: Path) -> None:
     # The cameras' batches come in any order, yet the odometry brings together those that a busy
     # machine matches; without any, the error would be NaN.
     assert metrics["twist_rmse.assisted"]["value"] < 0.1
+    assert np.mean(np.isfinite(history.estimate[:, 0])) > 0.1
     np.testing.assert_allclose(history.twist[-1], 0.0, atol=0.02)
 
 

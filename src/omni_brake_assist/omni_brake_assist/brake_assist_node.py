@@ -188,7 +188,8 @@ class BrakeAssistNode(Node):
         self._imu_received = self._running.now()
         upwards = message.linear_acceleration.z
         last = upwards if self._upwards is None else self._upwards
-        self._upwards = last + _UPWARDS_SHARE * (upwards - last)
+        if math.isfinite(upwards):
+            self._upwards = last + _UPWARDS_SHARE * (upwards - last)
         self._take(imu_reading_of(message))
         silent = self._imu_received - self._twist_received > self._feedback_timeout
         if silent and not self._lockstep:

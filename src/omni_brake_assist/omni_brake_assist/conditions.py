@@ -134,9 +134,7 @@ CONDITIONS: tuple[Condition, ...] = (
     Condition(_S.SECOND_PUBLISHER, ERROR),
     Condition(_S.INTERNAL_ERROR, ERROR),
     Condition(_S.INTERNAL_ERROR, ERROR, "control law returned an enable outside [0, 1]"),
-    Condition(
-        _S.NO_EFFECT, ERROR, "braking has too little effect (check brakes and IMU)" + _LATCHED
-    ),
+    Condition(_S.NO_EFFECT, ERROR, _NO_EFFECT + _LATCHED),
     Condition(_S.STALE_FEEDBACK, ERROR),
     Condition(_S.TIME_JUMP, WARNING, "the stamp of the demand decreased by {value:.4g} s"),
     Condition(

@@ -121,6 +121,7 @@ def _disagreement(gate: np.void, rolling: FloatArray) -> str:
             ("twist", (gate["v_x"], gate["v_y"], gate["yaw_rate"])),
             ("wheels", rolling),
         )
+        if math.isfinite(v_x + v_y + yaw_rate)
     )
 
 

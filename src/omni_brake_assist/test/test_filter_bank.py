@@ -109,24 +109,18 @@ class Drive:
                 inertial[2] += size
             if faulty and (fault == "wheel" or (fault == "silence" and step >= onset + 20)):
                 speeds[0] += size
-            received = not (faulty and fault == "silence")
+            received = not (faulty and fault in ("silence", "locked"))
             enable = np.ones(count)
             if braking:
                 enable[0] = 0.0
-                speeds[1:] = 0.0
+                speeds[0 if fault == "locked" else 1 :] = 0.0
             if faulty and fault == "ice":
                 speeds[0] = min(speeds[0], size * (step - onset))
-            answer = np.full(3, np.nan)
-            self.chosen.append(
-                estimate(
-                    self.constants,
-                    self.memory,
-                    step * PERIOD_NS,
-                    Readings(1.0 if braking else 0.0, enable, inertial, speeds),
-                    Twist(received, taken * PERIOD_NS, twist, np.full(3, self.variance)),
-                    answer,
-                )
-            )
+            now_ns, answer = step * PERIOD_NS, np.full(3, np.nan)
+            readings = Readings(1.0 if braking else 0.0, enable, inertial, speeds)
+            measured = Twist(received, taken * PERIOD_NS, twist, np.full(3, self.variance))
+            found = estimate(self.constants, self.memory, now_ns, readings, measured, answer)
+            self.chosen.append(found)
             self.answers.append(answer)
 
     def time_until(self, out: int, onset: int = 80) -> float:
@@ -166,6 +160,11 @@ def test_the_motion_is_known_without_any_twist(drive: Drive) -> None:
     drive.run(150, "silence", onset=0)
     assert set(drive.chosen[2:]) == {ALL}
     assert drive.error == pytest.approx(0.0, abs=0.05)
+
+
+def test_without_any_twist_a_released_wheel_must_roll(drive: Drive) -> None:
+    drive.run(PEDAL + 25, "locked", onset=0)
+    assert drive.chosen[-1] == NO_ESTIMATE
 
 
 def test_without_a_twist_the_estimate_stays_valid_during_a_long_drive(drive: Drive) -> None:

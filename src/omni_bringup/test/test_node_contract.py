@@ -115,21 +115,17 @@ def test_the_speed_of_a_recording_is_that_of_its_wheels() -> None:
 
 
 @pytest.mark.parametrize(
-    ("unanswered", "paused", "words"),
+    ("unanswered", "words"),
     [
-        (range(0), range(0), ""),
-        (range(100, 104), range(0), "gap of 50 ms between two answers (inputs in between"),
-        (range(100, 103), range(0), ""),  # 40 ms
-        (range(0), range(60, 200, 10), "gap of 60 ms between two answers (1 % are longer)"),
-        (range(0), range(100, 101), ""),  # the computer was busy once
+        (range(0), ""),
+        (range(100, 104), "gap of 50 ms between two answers (inputs in between"),
+        (range(100, 103), ""),  # 40 ms
     ],
 )
-def test_gaps_in_the_enables_are_named(unanswered: range, paused: range, words: str) -> None:
-    sent, delay, answers = [k * PERIOD_NS for k in range(200)], 0, []
-    for k, stamp in enumerate(sent):
-        delay += 5 * PERIOD_NS if k in paused else 0
-        if k not in unanswered:
-            answers.append(Answer("recorded", stamp, 0.0, 0.0, None, stamp + delay))
+def test_gaps_in_the_enables_are_named(unanswered: range, words: str) -> None:
+    sent = [k * PERIOD_NS for k in range(200)]
+    answered = [stamp for k, stamp in enumerate(sent) if k not in unanswered]
+    answers = [Answer("recorded", stamp, 0.0, 0.0, None) for stamp in answered]
     breaches = contract.common_breaches(exchange(answers, sent), "brake_assist", "topic")
     found = " | ".join(one for one in breaches if "gap" in one)
     assert words in found

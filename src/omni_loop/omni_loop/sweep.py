@@ -68,7 +68,7 @@ def sweep(
     configurations: Sequence[tuple[str, Mapping[str, str], experiment.ExperimentConfiguration]],
     report: Callable[[float, str], None],
 ) -> list[SweptRun]:
-    """Run all combinations of a sweep, and return the runs in this order.
+    """Run all combinations of a sweep; return the runs in the order of `configurations`.
 
     Args:
         configurations: variant, values of the swept keys, and configuration of each run.

@@ -219,10 +219,11 @@ def _end_with_parent() -> None:
 def _flush_publishers(
     node: Node, stop: StopFlag, longest: float = 5.0, interrupted: float = 0.3
 ) -> None:
-    """Wait until reliable data have reached their readers, before the process exits.
+    """Wait until the readers have acknowledged all reliable messages, before the process exits.
 
-    A retransmission takes 3 s with the middleware's defaults, whereas a dead reader never
-    acknowledges. A writer cannot distinguish the two cases. A process that starts nodes and knows
+    The wait lasts at most `longest` [s], or `interrupted` [s] after Ctrl-C. If an acknowledgement
+    is missing, the message may be on its way again (3 s with the middleware's defaults), or the
+    reader is dead; a writer cannot distinguish the two cases. A process that starts nodes and knows
     that no reader is left therefore sends a second SIGTERM to end the wait.
     """
     # After Ctrl-C, a person is waiting for the process to end.

@@ -50,7 +50,10 @@ class Claim:
 
 
 class _Cases(dict[str, float]):
-    """Values of a quantity, keyed by case; a value can also be accessed as an attribute."""
+    """Values of a quantity, keyed by case, for the formulas of claims.
+
+    A value is also an attribute, and iteration yields the values instead of the keys.
+    """
 
     def __getattr__(self, case: str) -> float:
         return self[case]

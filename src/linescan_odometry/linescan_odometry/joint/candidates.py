@@ -324,12 +324,12 @@ def coherent(
 def rate(rest: Remainder, layout: Layout, found: Doubles) -> Doubles:
     """Return the log-likelihood ratio of each candidate versus noise [nats], shape (c,).
 
-    Of the ratios at all line spacings, the largest one is returned.
+    It is the largest ratio at any line spacing up to `farthest`, and at least 0.
 
     Args:
         rest: correlations between the lines.
         layout: sizes of the batch.
-        found: candidates [px], shape (c,).
+        found: displacements per line of the candidates [px], shape (c,).
     """
     evidence, rest = np.zeros(len(found)), against_noise(rest, layout)
     for i in range(len(found)):

@@ -96,7 +96,10 @@ class WheelSideslip:
     """Measures the sideslip angle of one wheel with one camera next to this wheel."""
 
     def __init__(self, wheel: SideslipWheel, sensor: LineSensor) -> None:
-        """Compute the angle and the offset between the axes of the camera and the wheel.
+        """Compute the constants of the measurement.
+
+        These are the angle of the camera's axis from the rolling direction of the wheel, and the
+        lever arm by which the yaw rate about the wheel's center acts on the camera.
 
         Raises:
             ConfigurationError: the camera's axis is more than 30 deg from the axis of rotation.

@@ -60,6 +60,7 @@ def estimate(
     if fresh:
         measurement.fuse_twist(constants, memory, (valid_ns - record.twist_ns) * 1e-9, twist)
         record.twist_ns = valid_ns
+        record.received = True
     if record.known:
         _update_posterior(constants, memory)
     record.known = record.known or fresh
@@ -151,14 +152,14 @@ def _is_lost(memory: BankMemory) -> bool:
     """Return whether too few working sources remain to determine the motion.
 
     If fewer than two encoders appear fault-free, the estimate itself must be wrong, because several
-    encoders do not fail at the same time. If the twist is isolated, the IMU must measure the motion
-    and, while brakes are released, a released wheel must roll.
+    encoders do not fail at the same time. If the twist is isolated or has never been received, the
+    IMU must measure the motion and, while brakes are released, a released wheel must roll.
     """
     record, left = memory.record[0], 0
     for probability in memory.faulty[record.best]:
         left += 1 if probability <= bank.FAULTY else 0
     supported = record.inertial and record.unsupported < _UNSUPPORTED
-    without = record.best == bank.NO_TWIST and not supported
+    without = (record.best == bank.NO_TWIST or not record.received) and not supported
     return bool(record.best == bank.NO_ESTIMATE or without or (left < 2 and record.pressed))
 
 

@@ -219,12 +219,15 @@ def _share_of_force(
 
 @lean
 def _share(loss: float, pedal: float, least: float, best: float, best_pedal: float) -> float:
-    """Return a deceleration, divided by the possible deceleration, 0 to 1.
+    """Return a deceleration divided by the possible deceleration, limited to 0 to 1.
+
+    The possible deceleration is the larger of `least` and `best`, after each is scaled to the
+    present pedal position. `best` is never scaled up.
 
     Args:
         loss: deceleration [m/s^2].
         pedal: pedal position, above 0 [1].
-        least: smallest possible deceleration with the pedal fully down [m/s^2].
+        least: deceleration with the pedal fully down that is always possible [m/s^2].
         best: largest deceleration measured in this stop [m/s^2].
         best_pedal: pedal position at that measurement [1], 0 before the first measurement.
     """

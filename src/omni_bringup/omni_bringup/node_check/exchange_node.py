@@ -63,7 +63,6 @@ class Answer:
             the publication of the message [s].
         silence: time from the last input of any kind to the publication of the message [s].
         message: the message.
-        published_ns: time of publication on the system clock [ns].
     """
 
     phase: str
@@ -71,7 +70,6 @@ class Answer:
     age: float
     silence: float
     message: Any
-    published_ns: int = 0
 
 
 @dataclass
@@ -125,7 +123,7 @@ class Exchange:
         age = (published - self._departures[known]) / SECOND_NS if known is not None else 0.0
         silence = (published - self._last) / SECOND_NS
         message = deserialize_message(data, self.kind)
-        self.answers.append(Answer(self._phase, stamp, age, silence, message, published))
+        self.answers.append(Answer(self._phase, stamp, age, silence, message))
 
     def note(self, stamp: int) -> None:
         """Store the present time as the time at which the input with this stamp [ns] was sent."""

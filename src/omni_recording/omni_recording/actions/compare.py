@@ -39,7 +39,9 @@ class TopicComparison:
     worst: str = ""
 
     def agrees(self, tolerance: float) -> bool:
-        """Return whether message pairs exist and all their values agree within the tolerance.
+        """Return whether there are messages, each has a partner, and all values of the pairs agree.
+
+        Numbers agree within the tolerance, texts exactly.
 
         Args:
             tolerance: limit on the absolute difference, in the unit of the values.

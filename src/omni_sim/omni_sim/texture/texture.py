@@ -18,8 +18,8 @@ KINDS = tuple(MATERIALS)
 PICTURE = "picture"
 
 GENERATION = 1
-"""Version of the materials, part of a cached texture's name; a change of a material increases
-it."""
+"""Version of the materials, part of a cached texture's name; to be increased whenever a material
+is changed."""
 
 INCH = 0.0254
 """Length of an inch [m]."""

@@ -68,9 +68,9 @@ class Stop(NamedTuple):
     """Result of a stop with one law and one source of the twist.
 
     Attributes:
-        seed: number of the case.
+        seed: number of the case, as in `Cases.run`.
         vehicle: name of the vehicle's file, or ``named`` for a named experiment.
-        stop: number of the stop, equal for all sources.
+        stop: number of the stop of this vehicle, equal for all laws and sources.
         law: name of the control law, or ``unassisted``.
         source: source of the twist.
         distance: stopping distance [m].

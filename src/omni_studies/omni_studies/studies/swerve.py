@@ -136,11 +136,11 @@ def locked(configuration: VehicleConfiguration, speed: float, after: float = 0.1
 
 
 def _draw_forces(cases: Mapping[str, LockedWheels], arrow: float = 0.55) -> Figure:
-    """Draw the vehicle from above with the force of each locked wheel and their sum.
+    """Draw the vehicle from above with the force of each locked wheel and, half as long, their sum.
 
     Args:
-        arrow: length of the longest arrow, as a multiple of the chassis length.
         cases: cases, keyed by the names in `_TITLES`; the vehicle moves upwards in the figure.
+        arrow: length of the longest arrow of a wheel, as a multiple of the chassis length.
     """
     title = "Locked wheels push along their rollers (the vehicle slides upwards)"
     x = "right of the middle [m]"

@@ -232,7 +232,10 @@ class Cost(NamedTuple):
 
     @classmethod
     def of(cls, lag: BrakeLag, dwell_time: float, trials: Sequence[Trial], half: float) -> Cost:
-        """Return the effect from all trials; `half` is half the unassisted rotation [deg]."""
+        """Return the effect of a lag and a dwell time, from the trials that have both.
+
+        `half` is half the worst rotation of the unassisted stops [deg].
+        """
         tried = [t for t in trials if (t.lag, t.setting.dwell_time) == (lag, dwell_time)]
         rotation = min(trial.worst_rotation for trial in tried)
         return cls(lag, dwell_time, rotation, distance_at(tried, half))

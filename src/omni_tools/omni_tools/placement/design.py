@@ -207,7 +207,7 @@ def design(task: DesignTask, report: Report) -> Design:
 
 
 def confirm(task: DesignTask, result: Design, report: Report) -> dict[str, PlacementTrial]:
-    """Return the errors of all non-singular placements on rendered lines, keyed by name."""
+    """Return the errors of the twist with simulated lines, by name of each regular placement."""
     regular = [placement for placement in result.placements if not placement.singular]
     trials = {}
     for index, placement in enumerate(regular):

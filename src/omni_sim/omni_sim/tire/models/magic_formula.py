@@ -47,7 +47,7 @@ class MagicFormulaConfiguration(Configuration):
     )
     """Derivative of the ratio of slope to load with respect to the load, a_3"""
     shape: float = parameter(1.23, minimum=_SHAPE_RANGE[0], maximum=_SHAPE_RANGE[1])
-    """Shape C; the force at unlimited slip is sin(C 90 deg) of the peak"""
+    """Shape C; at unlimited slip, the force is its peak times sin(C 90 deg)"""
     curvature: float = parameter(-1.3, minimum=_CURVATURE_RANGE[0], maximum=_CURVATURE_RANGE[1])
     """Curvature E around the peak"""
 
