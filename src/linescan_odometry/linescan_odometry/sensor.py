@@ -1,8 +1,8 @@
 """Velocity of one line camera by one of two methods, `joint` or `pairs`.
 
 `SensorOdometry.update` connects a batch to the previous batch, passes the lines to the configured
-method, and returns velocity and variance. A step that yields no measurement raises `Unmeasured`
-with the reason.
+method, and returns a reading with velocity and variance. If one of these operations raises
+`Unmeasured`, the reading contains the reason instead.
 """
 
 import math

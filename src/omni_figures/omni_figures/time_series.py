@@ -140,15 +140,14 @@ def _scale_row(
 ) -> None:
     """Set one scale for all panels of a row; a panel with much smaller values gets its own scale.
 
-    A scale of its own is labeled in the panel.
+    Such a panel is labeled with its scale.
 
     Args:
         row: panels of one quantity.
-        shown: values that each panel must show.
+        shown: values of each panel, all of which are within its limits.
         noisy: values of each panel whose outliers may be cut off.
         share: share of the common scale below which a panel gets its own scale [1].
-        least: range of values below which a panel shows a flat line with the common scale [m/s] or
-            [rad/s].
+        least: a panel whose values span no more than this keeps the common scale [m/s] or [rad/s].
     """
     common = _limits(shown, noisy)
     whole = common[1] - common[0]

@@ -221,7 +221,7 @@ def _flush_publishers(
 ) -> None:
     """Wait until the readers have acknowledged all reliable messages, before the process exits.
 
-    The wait lasts at most `longest` [s], or `interrupted` [s] after Ctrl-C. If an acknowledgement
+    The wait lasts at most `longest` [s], or `interrupted` [s] after Ctrl-C. If an acknowledgment
     is missing, the message may be on its way again (3 s with the middleware's defaults), or the
     reader is dead; a writer cannot distinguish the two cases. A process that starts nodes and knows
     that no reader is left therefore sends a second SIGTERM to end the wait.

@@ -33,7 +33,7 @@ class GroundConfiguration(Configuration):
 
 
 class SimulationConfiguration(Configuration):
-    """Time steps and end of a simulation."""
+    """Time steps, end and rendering of a simulation."""
 
     physics_step: float = parameter(0.0005, unit="s", minimum=1e-6, maximum=0.01)
     """Fixed time step of the physics"""

@@ -279,8 +279,8 @@ def _maximize(
         layout: sizes of the batch.
         candidate: displacement per line [px], and whether the pattern is estimated together with
             the displacement.
-        deviations: precision of the pattern before the camera has moved, and prior standard
-            deviation of the displacement's change from line to line [px].
+        deviations: precision of the fixed pattern that is assumed until the camera has moved, and
+            prior standard deviation of the displacement's change from line to line [px].
     """
     (start, parted), (stated, spread), size = candidate, deviations, layout.size
     motion, kappa = np.array([start, 0.0]), np.arange(layout.lines) - 0.5 * (layout.lines - 1)

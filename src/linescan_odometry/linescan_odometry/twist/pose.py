@@ -11,13 +11,13 @@ from omni_platform.quantities import FloatArray
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Pose:
-    """Planar pose of the vehicle in its body frame at the start of the integration.
+    """Planar pose of the vehicle relative to its pose at the start of the integration.
 
     Attributes:
         stamp_ns: stamp of the newest integrated twist [ns].
         value: x, y [m] and yaw [rad], shape (3,).
-        covariance: covariance of x, y and yaw in the squares of these units, shape (3, 3); it grows
-            with the distance.
+        covariance: covariance of x, y and yaw in the squares of these units, shape (3, 3);
+            every integrated twist adds to it.
     """
 
     stamp_ns: int

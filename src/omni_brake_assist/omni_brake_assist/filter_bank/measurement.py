@@ -1,13 +1,14 @@
 """Measurement models of the filter bank.
 
 For each source, the functions compute the prediction, the innovation, its variance, the test ratio
-(normalized innovation squared divided by `GATE`) and the log likelihood under each hypothesis. A
-source is fused only if its test ratio is at most 1; the twist of a vehicle without an IMU is always
-fused.
+(normalized innovation squared divided by `GATE`) and the log likelihood under each hypothesis of
+which source is faulty (see `state`). Gyro and twist are fused only if their test ratio is at most
+1; the twist of a vehicle without an IMU is always fused. A wheel speed is fused only if the wheel
+probably rolls.
 
-A reading of a faulty source is modeled as a random walk from the last reading, with steps as large
-as the vehicle's motion allows. The likelihoods of hypotheses with and without the source are thus
-comparable.
+A reading of a faulty gyro or twist is modeled as a random walk from the last reading, with steps as
+large as the vehicle's motion allows; that of a faulty encoder is uniformly distributed over a
+range. The likelihoods of hypotheses with and without the source are thus comparable.
 """
 
 import math

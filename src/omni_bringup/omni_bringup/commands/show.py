@@ -30,7 +30,7 @@ class Options(CommandOptions):
     name: str = option(positional=True, metavar="NAME")
     """name from ./omni list, a path that ends in .yaml, or the folder of a vehicle"""
     kind: str | None = option(None, metavar="KIND", choices=EVERY)
-    """kind of the item; required for a path, or if two kinds have an item with this name"""
+    """kind of the item; required for a path. Without it, the first item with this name is shown"""
     out: Path | None = option(None, metavar="FILE")
     """file of the figure (default: results/show/NAME.png)"""
 

@@ -21,7 +21,7 @@ class NoFreeDomainError(InputError):
 
 @contextlib.contextmanager
 def reserved_domain() -> Iterator[int]:
-    """Reserve a ROS domain that no other run on this machine uses.
+    """Reserve a ROS domain that no other run on this machine uses, until the block ends.
 
     If the user has not chosen a domain, the reserved domain contains no other ROS program of this
     machine. A domain that the user has chosen may contain programs that only subscribe; the
@@ -32,7 +32,8 @@ def reserved_domain() -> Iterator[int]:
 
     Raises:
         ConfigurationError: ``ROS_DOMAIN_ID`` is not the number of a domain.
-        NoFreeDomainError: the chosen domain is in use, or all domains are in use.
+        NoFreeDomainError: another run uses the chosen domain, or all domains are in use by runs or
+            other ROS programs.
     """
     chosen = chosen_domain(os.environ)
     if chosen is None:

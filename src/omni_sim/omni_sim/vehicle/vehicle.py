@@ -348,7 +348,12 @@ class Vehicle:
 
     @property
     def slip_velocity(self) -> quantities.FloatArray:
-        """Sliding velocities of the rims ``n_w . v_i - omega r_D (n_w . u_i)`` [m/s], (N,)."""
+        """Sliding velocity of each wheel along its active direction [m/s], (N,).
+
+        It is ``n_w . v_i - omega r_D (n_w . u_i)`` with the active direction ``n_w``, the velocity
+        of the hub ``v_i``, the wheel speed ``omega``, the rolling radius ``r_D`` and the rolling
+        direction ``u_i``.
+        """
         v_x, v_y, rate = self.twist
         g_x, g_y = self.masses.center
         hub = along_active(self.state, np.array([v_x - rate * g_y, v_y + rate * g_x, rate]))

@@ -265,7 +265,7 @@ def search(
         start: candidate near which the second search begins; if given, the first search is omitted.
         seed: seed of all random numbers.
         generations: limit on the number of generations of each search. The first search ends at a
-            cost below 1, the second when no deviation exceeds 0.7 tolerances.
+            cost below 1, the second below 0.7^4, where no deviation exceeds 0.7 tolerances.
         refinement: further limit on the number of generations of the second search.
         sound: whether to exclude vehicles with an `assumption_violation`.
         on_generation: function of the number of a generation and the lowest cost so far.

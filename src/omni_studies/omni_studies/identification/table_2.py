@@ -1,4 +1,4 @@
-"""Table 2 of the dissertation: results of braking in a turn with each control law."""
+"""Table 2 of the dissertation: braking in a turn with each weighting of the 2013 law."""
 
 from collections.abc import Mapping
 

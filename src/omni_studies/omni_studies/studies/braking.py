@@ -303,7 +303,7 @@ Drawing = Callable[[ExperimentRuns], Figure]
 
 
 def _over_time(variant: str) -> Drawing:
-    """Return a function that draws velocity, yaw rate and errors s_i of one variant over time."""
+    """Return a function that draws velocity, yaw rate, s_i and enables of one variant over time."""
     return lambda runs: time_series(
         {variant: runs.histories[variant]}, title=runs.configurations[variant].description
     )

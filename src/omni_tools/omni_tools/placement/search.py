@@ -267,12 +267,12 @@ class _Search:
         step: FloatArray,
         reach: int,
     ) -> float:
-        """Move one unit after another by up to `reach` steps until no move is an improvement.
+        """Move one unit after another to its best neighbor until no move is an improvement.
 
-        The poses in `current` are changed in place; the criterion of the result is returned.
-
-        If `value` is infinite, each unit is first moved to its best neighbor, since some units may
-        be at invalid positions.
+        Neighbors are up to `reach` times `step` away in each coordinate. The poses in `current` are
+        changed in place. `value` is their criterion; if it is infinite (unknown, or some units are
+        at invalid positions), the first move of each unit need not be an improvement. Returns the
+        criterion of the result, which is infinite if a unit has no valid position.
         """
         forced = not math.isfinite(value)
         for _ in range(self._effort.sweeps):

@@ -26,7 +26,7 @@ from omni_tools.tires.data import TireData, TireDataError
 # multiples of it.
 _PEAK_GUESSES = (1.0, 0.6, 1.7)
 _RANGES = {"load": LOAD_RANGE, "force": (1.0e-3, LARGEST_FORCE)}
-"""Range of the largest value in the data [N]."""
+"""Permitted range of the largest magnitude in each column of the data [N], keyed by column."""
 
 
 class TireFit(NamedTuple):

@@ -138,7 +138,7 @@ def ground_in_words(ground: GroundConfiguration) -> dict[str, str]:
 
 
 def draw_ground(ground: GroundConfiguration, name: str, edge: float = 0.2) -> Figure:
-    """Draw a square section of a ground with the edge length `edge` [m] in gray levels."""
+    """Draw a square section, `edge` [m] long, of a ground in gray levels."""
     texture = TextureCache.of_user().texture(ground.texture)
     count = min(len(texture.gray), max(1, round(edge / texture.texel)))
     edge = 1e3 * count * texture.texel

@@ -251,14 +251,15 @@ def _read_line(
     span: tuple[float, float],
     line: Float32Array,
 ) -> None:
-    """Read the pixels of a line from the totals of the classes.
+    """Compute the pixels of a line from the totals of the four classes of cells (see `rows`).
 
     Args:
         ground: texels.
         scratch: scratch buffers, with the totals.
         size: number of columns, and height of the footprint in a column [1 / rows.ONE texels].
-        tangent: tangent of the heading [1].
-        span: half the length of the footprint along s, and s of the first column [texels].
+        tangent: tangent of the angle between the line and the rows of texels [1].
+        span: half the length of the footprint along s, and s at which the first cell begins
+            [texels].
         line: output, the gray levels of the pixels.
     """
     count, height = size
