@@ -182,17 +182,6 @@ def test_a_vehicle_that_keeps_rolling_at_the_end_of_a_stop_is_braked(
     assert trip_time(constants, 9.0, 0.05, imu=imu) - 0.5 <= within
 
 
-def test_without_an_imu_rims_that_roll_again_after_sliding_are_no_missing_effect(
-    constants: EffectConstants,
-) -> None:
-    ledger, speed = effect_memory(), START
-    watch(constants, ledger, DT, 0.0, False, speed / constants.roll, UNKNOWN)
-    for step in range(1, 200):
-        speed -= constants.least_loss * DT
-        rim = speed if step * DT > 0.7 else 0.5 * speed
-        assert not watch(constants, ledger, DT, 1.0, True, rim / constants.roll, UNKNOWN)
-
-
 def test_brakes_that_act_never_trip_the_monitor(constants: EffectConstants) -> None:
     assert trip_time(constants, 4.0, 0.05, released=False) == np.inf
 

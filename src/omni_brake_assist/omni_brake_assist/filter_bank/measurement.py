@@ -219,7 +219,7 @@ def fuse_wheels(
         if acts or abs(rim) > memory.mark[i] + _GAIN:
             memory.idle[i], memory.mark[i] = 0.0, abs(rim)
         memory.idle[i] += dt
-        wheel = _mixture(constants, memory, i, (dt, braking, enable[i]), (change, slip, span))
+        wheel = _mixture(constants, memory, i, (dt, braking, held), (change, slip, span))
         memory.evidence[bank.NO_ESTIMATE] += constants.wheel_weight * math.log(
             wheel.locked + 1.0 / span
         )
@@ -257,7 +257,7 @@ def _mixture(
     constants: BankConstants,
     memory: BankMemory,
     i: int,
-    step: tuple[float, bool, float],
+    step: tuple[float, bool, bool],
     speeds: tuple[float, float, float],
 ) -> _Wheel:
     """Return the probabilities and variance of the cases of wheel i.
@@ -266,25 +266,22 @@ def _mixture(
         constants: constants of the vehicle.
         memory: memory of the bank.
         i: number of the wheel.
-        step: length of the step [s], whether the pedal is down, and enable of the brake of this
-            wheel [1].
+        step: length of the step [s], whether the pedal is down, and whether the brake of this wheel
+            acts.
         speeds: change of the speed of the rim since the last step, standard deviation of the slip
             of driven wheels, and width of the range of readings of a faulty encoder [m/s].
     """
-    (dt, braking, enable), (change, slip, span) = step, speeds
+    (dt, braking, held), (change, slip, span) = step, speeds
     own = bank.WHEEL**2 + slip**2 + (16.0 * change**2 if math.isfinite(change) else 0.0)
     rolls, slides, excess, locked = 1.0 - bank.PRIOR, bank.PRIOR, 0.0, 0.0
     if braking:
         fresh = min(constants.rebound_time / max(memory.released[i], dt), 1.0)
         own += (constants.rebound * fresh) ** 2
-        held = enable > bank.RELEASED
         excess = 0.0 if held else 2.0 * constants.rebound * fresh  # covers 95 % of the readings
         slides = stays = 0.5 * (1.0 - bank.PRIOR)  # sliding and locked are equally probable
         if memory.released[i] >= constants.spin_up:
             slides *= math.exp(-((memory.idle[i] / _IDLE) ** 2))
-            # On ice, the smallest torque of a proportional brake keeps a wheel locked.
-            if enable <= 0.0:
-                stays *= math.exp(-((memory.idle[i] / _HELD) ** 2))
+            stays *= math.exp(-((memory.idle[i] / _HELD) ** 2))
         rolls = 1.0 - slides - stays
         locked = stays * math.exp(-0.5 * min((memory.rim[i] / bank.WHEEL) ** 2, GATE))
         locked /= math.sqrt(2.0 * math.pi) * bank.WHEEL

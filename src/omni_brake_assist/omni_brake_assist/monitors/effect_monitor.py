@@ -10,8 +10,7 @@ with the speed ``v_0`` at the start of the stop and the constants of `EffectCons
 ``v`` is the larger of two: the speed of the fastest rim, because some wheel rolls in an assisted
 stop, and the speed before the stop minus the integral of the specific force. A scale error that all
 encoders and the twist share therefore does not shorten the computed distance. Without an IMU such
-an error cannot be observed, and ``v`` decreases by at most `LEAST_FRICTION` per second: the rims of
-sliding wheels are slow, and ``v`` rises by little when they roll again. While all brakes act,
+an error cannot be observed, and ``v`` decreases by at most `loss` per second. While all brakes act,
 nothing is added to ``M``. The deceleration ``a`` is measured in two ways: as the low-passed
 specific force, and as the difference between ``v`` and its low-pass. The larger of the two ratios
 ``a / c`` is used. With an IMU, the possible deceleration ``c`` is the largest deceleration observed
@@ -36,7 +35,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omni_brake_assist.configuration import BrakeAssistConfiguration
-from omni_brake_assist.filter_bank.state import LARGEST_LOSS, LEAST_FRICTION, least_loss
+from omni_brake_assist.filter_bank.state import LARGEST_LOSS, least_loss
 from omni_platform.geometry import PlatformGeometry
 from omni_platform.kernels import lean
 from omni_platform.quantities import FloatArray
@@ -82,6 +81,7 @@ class EffectConstants(NamedTuple):
         least_loss: smallest deceleration of a braked vehicle, see `least_loss` [m/s^2].
         share: missed distance that is allowed per braked distance [1].
         creep: missed distance that is always allowed [m].
+        loss: assumed deceleration if neither rims nor the specific force measure it [m/s^2].
         force_time: time constant of the low-pass of the specific force [s].
         wheel_time: time constant of the low-pass of the speed [s].
         least: smallest mean deceleration of a complete stop [m/s^2].
@@ -94,6 +94,7 @@ class EffectConstants(NamedTuple):
     least_loss: float
     share: float = 0.25
     creep: float = 0.1
+    loss: float = 6.0
     force_time: float = 0.2
     wheel_time: float = 0.6
     least: float = 1.0
@@ -146,7 +147,7 @@ def watch_effect(
     ledger.elapsed += dt
     ledger.demanded += pedal * dt
     felt = math.isfinite(force[0] + force[1])
-    loss = LEAST_FRICTION
+    loss = constants.loss
     if felt:
         loss = min(math.hypot(force[0], force[1]), LARGEST_LOSS)
     fallen = ledger.speed - (loss * dt if known else 0.0)
