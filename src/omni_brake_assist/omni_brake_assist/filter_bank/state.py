@@ -49,10 +49,7 @@ BANK = np.dtype(
     [
         ("begun", "?"),
         ("received", "?"),  # whether a twist has been received since the start
-        (
-            "known",
-            "?",
-        ),  # whether the motion is known, so that likelihoods are valid
+        ("known", "?"),  # whether the motion is known, so that likelihoods are valid
         ("equipped", "?"),  # whether a complete IMU reading has been received since the start
         ("inertial", "?"),  # whether the last IMU reading is present and complete
         ("pressed", "?"),  # whether the pedal was down in the last step

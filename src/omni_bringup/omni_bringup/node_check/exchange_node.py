@@ -315,7 +315,7 @@ def subscribe(
 
     for key, topic in topics.items():
         kind = message_class(topic.type)
-        partner.node.create_subscription(kind, topic.name, partial(keep, key), qos)
+        partner.node.create_subscription(kind, topic.ros_name, partial(keep, key), qos)
     return seen
 
 

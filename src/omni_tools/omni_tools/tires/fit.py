@@ -157,9 +157,7 @@ def _landmarks(data: TireData, largest_load: float) -> Landmarks:
     middle = 0.5 * (float(np.min(data.load)) + float(np.max(data.load)))
     heavy = data.load >= middle
     halves = [half for half in (~heavy, heavy) if np.count_nonzero(half) >= 3]
-    seen = np.array(
-        [_slope_and_peak(data, half) for half in halves]
-    )  # columns as returned by `_slope_and_peak`
+    seen = np.array([_slope_and_peak(data, half) for half in halves])
     load = np.array([0.5 * largest_load, largest_load])
     at = np.array([np.interp(load, seen[:, 0], column) for column in seen[:, 1:].T])
     if len(seen) > 1:  # extrapolate linearly beyond the two mean loads
