@@ -1,8 +1,8 @@
 """CPU time of compiling every kernel, starting with an empty cache, by module.
 
-The time of a kernel excludes the kernels that it calls, which are compiled before it, but includes
-the optimization of their code where LLVM inlines it. Run with ``./omni exec python
-benchmarks/compile_kernels.py --json``.
+The kernels that a kernel calls are compiled before it, so their compilation does not count as its
+time. If LLVM inlines their code, however, the optimization of the inlined code counts. Run with
+``./omni exec python benchmarks/compile_kernels.py --json``.
 """
 
 import os
@@ -28,7 +28,7 @@ def compile_all() -> Counter[tuple[str, str]]:
     callees = [0.0]  # CPU time of nested compilations, for each running compilation
 
     class Stopwatch(event.Listener):
-        """Adds up the time of each compilation without the compilations nested in it."""
+        """Sums the CPU time of each kernel's compilation, without nested compilations."""
 
         def on_start(self, event: Any) -> None:
             callees.append(0.0)

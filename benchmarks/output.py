@@ -13,7 +13,7 @@ BLIND = ("feedback=velocity_sensor", "simulation.render_lines=false")
 _CONFIG = Path(__file__).resolve().parents[1] / "config"
 
 Metrics = dict[str, tuple[Any, ...]]
-"""Value, unit and limit, if there is one, by ``quantity.case``."""
+"""Value, unit and, if there is one, limit of each metric, keyed by ``quantity.case``."""
 
 
 def options(words: str | None, **defaults: Any) -> argparse.Namespace:
@@ -21,8 +21,8 @@ def options(words: str | None, **defaults: Any) -> argparse.Namespace:
 
     Args:
         words: docstring of the benchmark, whose first line becomes the help text.
-        **defaults: default of each option besides ``--json``, keyed by its name; an option with the
-            default False takes no value.
+        **defaults: default value of each option other than ``--json``, keyed by the option's name;
+            an option with the default False is a flag.
     """
     parser = argparse.ArgumentParser(description=(words or "").split("\n", maxsplit=1)[0])
     parser.add_argument("--json", action="store_true", help="print one JSON document")

@@ -22,7 +22,7 @@ problems: list[Box] = []  # copies of the solved QPs of the stop
 
 
 class Recorded:
-    """The law `allocation`, which also appends each QP with its solution to `problems`."""
+    """Runs the law `allocation`, and appends each QP with its solution to `problems`."""
 
     def __init__(self, *made_of: Any) -> None:
         self._constants = allocation.make_constants(*made_of)

@@ -33,7 +33,7 @@ SENSORS = {
     "s3901": LineSensor(x=0.0, y=0.0, heading_deg=0.0, pixels=128, width=0.0195, line_rate=15600.0),
 }
 LIMITS = {"generic": ((15e3,), (0.15,)), "s3901": ((100e3,), (0.15,))}
-"""Lower limit on the rate [lines/s] and upper limit on the error [gray levels], by camera."""
+"""Minimum rate [lines/s] and maximum error [gray levels], keyed by the kind of camera."""
 SPEED = 10.0  # [m/s]
 
 

@@ -2,13 +2,13 @@
 
     python benchmarks/search_displacement.py [--json]
 
-The benchmark prints medians over repeated batches of 25 lines, on one core. For each size, the
-first row is the full search over +/- n/2 by Pearson's correlation, and the second row is the same
-search with sub-pixel refinement. The last rows are the speed of the full search relative to
-`scipy.spatial.distance.pdist` at every shift, and relative to OpenCV's `matchTemplate` over the
-same shifts without any normalization, on one thread. The search and `matchTemplate` take turns with
-the lines of a control period of 10 ms: 1024 px at 2500 lines/s, 335 px at 2985 (LIS-770i) and 128
-px at 15600 (S3901). Without OpenCV this comparison is omitted. Install it by
+The benchmark prints medians over repeated batches of 25 lines, on one core. There are two rows for
+each number n of pixels: the full search over shifts up to +/- n/2 by Pearson's correlation, and
+this search with sub-pixel refinement. The last rows compare the speed of the full search with two
+other methods over the same shifts: `scipy.spatial.distance.pdist`, called for every shift, and
+OpenCV's `matchTemplate` without normalization, on one thread. For `matchTemplate`, a batch contains
+the lines of a control period of 10 ms: 1024 px at 2500 lines/s, 335 px at 2985 lines/s (LIS-770i)
+or 128 px at 15600 lines/s (S3901). Without OpenCV this comparison is omitted. Install OpenCV by
 
     ./omni exec python -m pip install --no-deps --require-hashes -r requirements/opencv.lock
 """

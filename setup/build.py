@@ -15,7 +15,7 @@ def build(workspace: places.Workspace, steps: Steps) -> None:
     """Build the packages from scratch."""
     state = places.files_state(
         places.build_inputs(workspace.root)
-    )  # before the build, so that an edit during it causes another build
+    )  # computed before the build, so that an edit during the build causes another build
     environment_stamp = places.read_stamp(workspace.venv)
     environment = places.venv_environment(workspace, environment_stamp["libraries"])
     packages = sorted(path.parent for path in (workspace.root / "src").glob("*/package.xml"))
@@ -58,7 +58,7 @@ def remove(folder: Path) -> None:
 
 
 def repair_first_lines(library: Path) -> None:
-    """Give executables a first line that works if the path is long or contains spaces."""
+    """Replace the first line of executables if Python's path is too long or contains spaces."""
     for script in library.glob("*/*"):
         if script.parent.name.startswith("python3") or not script.is_file():
             continue

@@ -15,8 +15,8 @@ from setup.pythons import find_python, say
 from setup.steps import Steps
 
 DISK_SPACE = 1.5e9  # bytes: 0.9 GB for the environment, the rest for downloads and kernels
-# Packages that compile the kernels, after a package that every index has; they are installed first,
-# as compilation takes the longest.
+# Packages that are needed to compile the kernels. They are installed first, because compilation
+# takes the longest. Every package index has setuptools, so it shows whether an index is reachable.
 COMPILER = ["setuptools", "llvmlite", "numba", "numpy", "pillow", "pyyaml", "rocket-fft", "scipy"]
 
 
@@ -128,7 +128,7 @@ def install_packages(
 
 
 def compile_in_background(workspace: places.Workspace) -> None:
-    """Start to compile the kernels of a run, in a process that outlives this one."""
+    """Start a process that compiles the kernels of a run and continues after this process ends."""
     with open(workspace.cache / "kernels.log", "w") as log:
         subprocess.Popen(
             [str(workspace.python), "-m", "omni_bringup.warm_up"],

@@ -1,4 +1,4 @@
-"""Lock of the workspace, which set-up holds exclusively and running commands share."""
+"""Lock of the workspace: set-up holds it exclusively, and running commands share it."""
 
 import errno
 import fcntl
@@ -21,7 +21,7 @@ def open_lock(workspace: Workspace) -> int | None:
 
 
 def take_lock(lock: int | None, mode: int) -> None:
-    """Take the lock in `mode`; print a message if another process holds it."""
+    """Take the lock in a mode of `fcntl.flock`; print a message before waiting for it."""
     if lock is None:
         return
     try:

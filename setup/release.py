@@ -20,7 +20,7 @@ def version() -> str:
 
 
 def outdated() -> "dict[Path, str]":
-    """Return the text that each file with another version should have, keyed by path."""
+    """Return the corrected text of each file that names another version, keyed by path."""
     found = {}
     for pattern, place in _PLACES:
         for file in sorted(_ROOT.glob(pattern)):

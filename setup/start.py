@@ -65,7 +65,8 @@ def start(words: Sequence[str], root: Path, usage: str) -> int:
         print(flush=True)
         words = ["--help"]
     lock = None
-    # A start from a running command uses that command's build, even if files were edited meanwhile.
+    # If a running command starts `omni`, the build of that command is used, even if files have been
+    # edited since.
     within = os.environ.get("OMNI_RUNNING") == str(root)
     if not within:
         lock = open_lock(workspace)
@@ -78,10 +79,10 @@ def start(words: Sequence[str], root: Path, usage: str) -> int:
 
 
 def make_ready(workspace: places.Workspace, lock: int | None) -> None:
-    """Bring environment and build up to date; on return, this process holds the lock as shared.
+    """Bring environment and build up to date, and hold the shared lock afterward.
 
-    Commands keep the lock shared while they run, so that no other start rebuilds the packages
-    under a running experiment.
+    A command keeps the shared lock while it runs, so that no other start rebuilds the packages
+    during an experiment.
     """
     while True:
         take_lock(lock, fcntl.LOCK_SH)

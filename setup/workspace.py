@@ -139,7 +139,7 @@ def own_modules(environ: Mapping[str, str], workspace: Workspace) -> list[str]:
 
 
 def prepend(environment: dict[str, str], name: str, *parts: object) -> None:
-    """Put path entries before the value of a variable."""
+    """Prepend path entries to an environment variable."""
     held = environment.get(name, "")
     environment[name] = os.pathsep.join([str(part) for part in parts] + ([held] if held else []))
 
@@ -187,11 +187,11 @@ def file_digest(path: Path) -> str:
 
 
 def build_inputs(root: Path) -> Iterator[Path]:
-    """Yield the files that a build reads, in a fixed order.
+    """Yield the files and folders on which a build depends, in a fixed order.
 
-    Modules are imported from src, and tests and pages are not installed, so a build does not depend
-    on them. The configuration is installed, so a build depends on the list of files in each of its
-    folders.
+    A build does not depend on modules, because they are imported from src, or on tests and pages,
+    because they are not installed. The folders of the configuration are included, because a new or
+    deleted file changes what is installed.
     """
     yield from sorted(path for path in root.glob("config/*") if path.is_dir())
     for folder, folders, names in os.walk(root / "src", followlinks=True):
@@ -205,7 +205,7 @@ def build_inputs(root: Path) -> Iterator[Path]:
 
 
 def files_state(files: Iterable[Path]) -> str:
-    """Return a digest of path, size and times of files, which changes with every edit."""
+    """Return a digest of the paths, sizes and times of files; every edit changes the digest."""
     digest = hashlib.sha256()
     for path in files:
         with contextlib.suppress(FileNotFoundError):  # an editor's short-lived file
@@ -217,7 +217,7 @@ def files_state(files: Iterable[Path]) -> str:
 
 
 def environment_identity(workspace: Workspace) -> dict[str, object]:
-    """Return the identity of an up-to-date environment."""
+    """Return the entries that the stamp of an up-to-date environment contains."""
     return {
         "format": STAMP_FORMAT,
         "root": str(workspace.root),
@@ -228,12 +228,12 @@ def environment_identity(workspace: Workspace) -> dict[str, object]:
 
 
 def build_identity(environment: Mapping[str, object]) -> dict[str, object]:
-    """Return the part of a build's stamp that is independent of the packages' files."""
+    """Return the entries of a build's stamp that do not depend on the files of the packages."""
     return {"format": STAMP_FORMAT, "environment": environment.get("made")}
 
 
 def read_stamp(folder: Path) -> dict[str, Any]:
-    """Return the stamp of a finished step in its folder, or an empty one."""
+    """Return the stamp that a finished step left in its folder; empty if there is none."""
     try:
         stamp = json.loads((folder / "omni.json").read_text())
     except (OSError, ValueError):
@@ -242,7 +242,7 @@ def read_stamp(folder: Path) -> dict[str, Any]:
 
 
 def write_stamp(folder: Path, identity: Mapping[str, object], **more: object) -> None:
-    """Write the stamp of a finished step atomically, as its last action."""
+    """Write the stamp of a finished step atomically."""
     partial = folder / "omni.json.partial"
     partial.write_text(json.dumps(dict(identity, **more)))
     os.replace(str(partial), str(folder / "omni.json"))

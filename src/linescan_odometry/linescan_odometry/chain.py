@@ -79,14 +79,13 @@ class LineChain:
     def join(self, batch: LineBatch) -> Lines:
         """Return the last line of the previous batch, followed by the lines of this batch.
 
-        The last line of the previous batch is omitted if this batch does not follow it without a
-        gap: at the start and after a missing batch.
+        At the start and after a missing batch, only the lines of this batch are returned.
 
         Args:
             batch: at least one line, with the configured number of pixels.
 
         Returns:
-            m or m + 1 lines, oldest first; the next call overwrites the array.
+            Lines, oldest first; the next call overwrites the array.
 
         Raises:
             Unmeasured: the stamp is older than the stamp of the previous batch, or the batch

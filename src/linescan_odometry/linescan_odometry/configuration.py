@@ -41,8 +41,9 @@ class OdometryConfiguration(Configuration):
     border of this range, or if its correlation is too low, all shifts are searched; 0 to search all
     shifts in every case"""
     prior_weight: float = parameter(0.0, minimum=0.0, maximum=100.0)
-    """Relative increase of the distance measure at a shift whose difference from the last
-    displacement equals the shift limit (section 4.6); 0 for no increase"""
+    """Weight of the preference for shifts near the last displacement (section 4.6): relative
+    increase of the distance measure at a shift that is n / k pixels from the last displacement; 0
+    for no preference"""
     flat_field_tables: str = parameter("")
     """Folder with the tables that `omni lines reference` computed from dark and white references
     or from a recorded motion, one file <sensor>.npz for each camera that has a table; empty for no
@@ -118,10 +119,9 @@ class OdometryConfiguration(Configuration):
     def skew(self) -> float:
         """Limit on the difference between the stamps of measurements that are used together [s].
 
-        Without cameras, each flow sensor measures at its own times. With a limit of half a period,
-        sensors whose times differ by about half a period would lose measurements due to jitter.
-        With three quarters of a period, each measurement has a partner at any difference of the
-        times.
+        Without cameras, each flow sensor measures at its own times. The stamps of two sensors with
+        equal rates then differ by up to half a period. The limit is three quarters of a period, so
+        that jitter of the stamps does not cause lost measurements.
         """
         rates = [sensor.rate for sensor in self.flow_sensors.values()]
         if self.sensors or not rates:

@@ -47,8 +47,8 @@ class _Solution:
         count: number of velocities that were used.
         assumed: whether the axle was used.
         scores: normalized residual of each sensor, and of the axle [1], shape (S,) or (S + 1,).
-        leverage: largest ratio of the twist's squared error, normalized by its covariance, to the
-            squared score of the single faulty velocity that causes the error [1].
+        leverage: squared error of the twist that one faulty velocity can cause at most, divided by
+            the squared score of this velocity [1]. The error is normalized by the covariance.
         last_variance: variance of the last velocity [m^2/s^2]: that of the axle if there is one.
     """
 

@@ -101,7 +101,8 @@ class References:
     def correct(self, lines: Lines) -> Lines:
         """Return 16-bit lines, corrected for dark signal and gains; unchanged without references.
 
-        A gain of 1 uses a quarter of the range, so that larger gains do not saturate.
+        At a gain of 1, the lines use a quarter of the 16-bit range, so that pixels with larger
+        gains do not saturate.
 
         Args:
             lines: m lines of n pixels, shape (m, n).

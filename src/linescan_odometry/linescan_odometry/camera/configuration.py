@@ -11,9 +11,10 @@ class CameraConfiguration(Configuration):
     """Name of the line camera, one of the odometry's `sensors`; its lines are published on
     line_scan/<name>/lines"""
     source: str = parameter()
-    """Device (/dev/video0 or its number), or GenTL producer (a .cti file, optionally followed by
-    # and the serial number of the camera), or a file that replaces the camera and is played in
-    real time: a video, or pictures in an array (.npy)"""
+    """Source of the frames. For a V4L2 camera: the device, such as /dev/video0, or its number. For
+    a GenICam camera: the .cti file of the GenTL producer, optionally followed by # and the serial
+    number of the camera. For a recording, which is played in real time: a video file, or an array
+    of pictures (.npy)"""
     frame_rate: float = parameter(unit="1/s", above=0.0, maximum=1e5)
     """Frame rate, which is also requested from a device"""
     rows: str = parameter("")

@@ -83,8 +83,8 @@ class _Maximum(NamedTuple):
         motion: displacement per line in the middle of the batch [px] and its change from line to
             line [px], shape (2,); not finite if there is no maximum.
         rest: logarithm of the lines minus the fixed pattern, shape (m, n).
-        information: information of this batch on the pattern, see `observe`, shape (F,).
-        precision: precision of the pattern estimated from this batch alone, shape (F,).
+        information: precision times mean of the pattern in this batch, shape (F,).
+        precision: precision of this mean, shape (F,).
         fit: variance and quality measures of the displacement.
     """
 
@@ -100,7 +100,7 @@ class _Choice(NamedTuple):
 
     Attributes:
         displacement: displacement per line [px].
-        moves: whether the candidate is a motion, not rest.
+        moves: whether the candidate is a motion instead of rest.
         reason: reason why the displacement is invalid; empty for a valid displacement.
     """
 
@@ -249,7 +249,8 @@ def _transform(
         taper: factor of each pixel, shape (n,).
         pattern: fixed pattern before this batch.
         layout: sizes of the batch.
-        search: weight of each frequency and last displacement, see `candidates.find`.
+        search: weight of each frequency, and displacement per line in the previous batch [px]; see
+            `candidates.find`.
     """
     logs = spectra.logarithms(lines, table)
     transformed = spectra.spectra_of(logs, taper, layout.size)
@@ -313,7 +314,7 @@ def _flaw(best: Fit, variance: float, moves: bool, shift: float) -> str:
     Args:
         best: fit at the maximum.
         variance: variance of its displacement [px^2].
-        moves: whether the displacement is a motion, not rest.
+        moves: whether the displacement is a motion instead of rest.
         shift: total displacement within the batch [px].
     """
     if (moves and best.features < _FEWEST) or not math.isfinite(variance):

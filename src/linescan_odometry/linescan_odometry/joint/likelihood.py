@@ -1,7 +1,7 @@
-"""Log-likelihood of a displacement and its change, expanded to second order, and Newton steps.
+"""Second-order expansion of the log-likelihood of a displacement and its change.
 
-The lines are cut to the ground that all of them show, so that no texture enters or leaves, and are
-then transformed again to spectra. The fixed pattern is marginalized.
+The lines are cut to the ground that all of them show, so that no texture enters or leaves. The
+spectra of the cut lines are then computed. The fixed pattern is marginalized.
 
 The package docstring defines the model: displacement d per line, its change a, displacement X_k of
 line k, and covariance T of the lines. In shapes, m is the number of lines, t the number of lines in
@@ -225,11 +225,15 @@ def _turned(cut: Cut, paths: Doubles) -> Spectrum:
 
 @kernel
 def _slopes(cut: Cut, model: _Model, turn: Spectrum) -> tuple[Spectrum, Doubles]:
-    """Return T^-1 times the lines, shape (t, F), and the gradient of the log-likelihood.
+    """Return T^-1 times the lines, and the gradient of the log-likelihood.
 
-    The gradient contains the derivatives with respect to d and a, shape (2,). The part of the
-    pattern that is still unknown is subtracted from the lines, see `_marginalize`. `turn` is from
-    `_turned`.
+    Args:
+        cut: cut lines; the remaining fixed pattern is subtracted from them, see `_marginalize`.
+        model: covariance of the lines.
+        turn: result of `_turned`, shape (t, F).
+
+    Returns:
+        ``T^-1 z``, shape (t, F); derivatives with respect to d and a, shape (2,).
     """
     rows, count = cut.spectra.shape
     white = np.zeros((rows, count), np.complex64)
@@ -311,7 +315,7 @@ def _trace(along: Doubles, off: Doubles, inverse: Doubles, rho: Doubles, share: 
         off: off-diagonal element from `pivots`, shape (B,).
         inverse: inverse pivots from `pivots`, shape (m, B).
         rho: coherence of neighboring lines, shape (B,).
-        share: weight of each band, times 2 S / N, shape (B,).
+        share: weight of each band in the sum, multiplied by 2 S / N, shape (B,).
     """
     d_d = d_a = a_a = 0.0
     diagonal, element = np.zeros(len(off)), np.empty(len(off))
@@ -334,16 +338,18 @@ def _trace(along: Doubles, off: Doubles, inverse: Doubles, rho: Doubles, share: 
 
 @kernel
 def _on_grid(precision: Precision, cut: Cut, pixels: int) -> tuple[Doubles, Doubles]:
-    """Return precision and variance of the fixed pattern at the frequencies of the cut.
+    """Return precision and variance of the fixed pattern at the frequencies of the cut lines.
 
     Args:
-        precision: precision of the pattern; each block of this batch contributes an equal share.
-        cut: cut lines, which have fewer than n pixels.
-        pixels: number of pixels n of a line.
+        precision: precision of the pattern at the frequencies of whole lines.
+        cut: cut lines of all blocks.
+        pixels: number of pixels of a whole line.
 
     Returns:
-        Precision from all other blocks, shape (F,); variance of the pattern that the lines contain,
-        0 if an estimate from these lines has been subtracted, shape (F,).
+        Precision of the pattern without the information of one block, shape (F,). Every block has
+        an equal share of the precision that this batch adds.
+        Variance of the pattern that the lines still contain, shape (F,); 0 at frequencies where the
+        pattern estimated from this batch has been subtracted.
     """
     before, batch = precision
     known, contained = np.zeros(cut.spectra.shape[1]), np.zeros(cut.spectra.shape[1])

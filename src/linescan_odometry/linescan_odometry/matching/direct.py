@@ -1,4 +1,4 @@
-"""Search with any of the distances (79)-(83), with an optional window and prior.
+"""Search for the shift between lines by any distance measure, with an optional window and prior.
 
 Equation and section numbers refer to the dissertation. Each shift is evaluated with integers over
 the true overlap. The sum is divided by the number of its pixels, since otherwise a sum over fewer
@@ -308,14 +308,15 @@ def _rank_correlation(x: Lines, y: Lines, ranks: NDArray[np.int64]) -> float:
 
 @njit(cache=True)
 def _rank(part: Lines, ranks: NDArray[np.int64]) -> int:
-    """Write twice the difference between the mean rank of each code and the mean of all ranks.
+    """Compute the centered ranks of the gray levels in part of a line.
 
     Args:
         part: `_Batch.codes` of the part, shape (N,).
-        ranks: output, shape (levels,).
+        ranks: output, for each level: twice its mean rank minus twice the mean of all ranks, shape
+            (levels,).
 
     Returns:
-        Sum of the squares of these numbers over the pixels of the part.
+        Sum of the squared output over the pixels of the part.
     """
     count = part.shape[0]
     ranks[:] = 0

@@ -2,11 +2,11 @@
 
 One cross-correlation by FFT gives the products for all shifts at once. The means and standard
 deviations of the overlapping parts are computed from running sums. The sums of a line are used for
-both line pairs of which it is a part. This single-precision step only selects candidates, the
-shifts whose correlation could be the largest within a bound of the rounding error. The correlations
-of the candidates are then computed with integers. The result therefore equals the result of a
-direct evaluation, for 8-bit and 16-bit lines. It does not depend on the rounding of the FFT or on
-the grouping of lines into batches.
+both line pairs of which it is a part. This step has single precision. It only selects the
+candidates: the shifts whose correlation could be the largest, given a bound on the rounding error.
+The correlations of the candidates are then computed with integers. The result therefore equals that
+of a direct evaluation, for 8-bit and 16-bit lines. It does not depend on the rounding of the FFT or
+on the grouping of lines into batches.
 """
 
 import math

@@ -30,8 +30,8 @@ class ShiftSearch(Protocol):
         Args:
             lines: m + 1 lines of n pixels, oldest first, C-contiguous, shape (m + 1, n).
             shift: output, best shift of each pair [px], shape (m,).
-            similarity: output, Pearson's correlation at that shift for every metric, so that
-                thresholds are comparable, shape (m,); -1 if it is undefined (a constant line).
+            similarity: output, Pearson's correlation at that shift, shape (m,); -1 if a line is
+                constant. Searches with other metrics return it too, so that one threshold suffices.
         """
 
     def reset(self) -> None:
@@ -50,7 +50,7 @@ METRICS: Mapping[str, Callable[[int], ShiftSearch]] = {
 
 
 def make_search(metric: str, limit: int, window: int = 0, prior_weight: float = 0.0) -> ShiftSearch:
-    """Return a search for integer shifts; a search with window or prior uses the last displacement.
+    """Return a search for integer shifts.
 
     Args:
         metric: one of `METRICS`.

@@ -204,8 +204,9 @@ class TwistSolver:
     ) -> float:
         """Return the largest squared error of the twist that one faulty velocity can cause [1].
 
-        The error is normalized by the covariance of the twist, for a velocity whose normalized
-        residual is 1. If this velocity has the leverage h, the squared error is ``h / (1 - h)``.
+        The error is normalized by the covariance of the twist. The normalized residual of the
+        faulty velocity is assumed to be 1, so the squared error is ``h / (1 - h)``, where h is the
+        leverage of this velocity in the least-squares solution.
 
         Args:
             variance: as in `solve`.

@@ -28,11 +28,11 @@ _REMEMBERED = 128  # number of twists that are stored
 _GAP_NS = 50_000_000  # limit on the time without a twist over which the motion is extrapolated [ns]
 _LONGEST = 1.0  # s; limit on the time for which a line is stored
 _LEAST_SHIFT = 8.0  # px; at smaller shifts, a fixed pattern looks like an oblique texture
-_SEARCHED = 3  # px searched on each side of the expected shift, in addition to a share of it
+_SEARCHED = 3  # px searched on each side of the expected shift, plus _SEARCHED_SHARE of the shift
 _SEARCHED_SHARE = 0.01
 _FEWEST = 16  # smallest number of pixels for a comparison
 _PIECE = 0.008  # m; ordinary ground leaves a view after the view's width plus this length
-_FAR_ENOUGH = 0.5  # share of the view's width plus _PIECE after which the test is possible
+_FAR_ENOUGH = 0.5  # motion across the axis before a test, as a share of (view width + _PIECE)
 _EXCESS = 0.35  # excess correlation that two successive comparisons do not reach by chance
 _CLEAR_EXCESS = 0.65  # excess correlation that a single comparison does not reach by chance
 _SLOWEST = 0.03  # m/s across the axis; at lower speeds, oblique texture causes no significant error
@@ -68,9 +68,9 @@ class Keyframe:
             displacement: mean displacement per line [px].
 
         Returns:
-            Age of the stored line [s]; correlation of the shifted gradient of this line with the
-            gradient of the newest line, divided by the correlation of neighboring lines [1]. Both
-            are 0 if the view has hardly shifted.
+            Age of the stored line [s]; correlation of its gradient with the gradient of the newest
+            line at their expected shift, divided by the correlation of neighboring lines [1]. Both
+            values are 0 if the view has hardly shifted.
         """
         span = len(lines) - 1
         pixels = lines.shape[1]
