@@ -1,1 +1,1 @@
-"""Computations behind the commands: limit, placement, fits, reports."""
+"""Computations of the commands: stopping limits, sensor placement, parameter fits and reports."""

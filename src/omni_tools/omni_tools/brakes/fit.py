@@ -57,7 +57,7 @@ class BrakeFit(NamedTuple):
         wheel_error: standard errors of `wheel_torque` [N m], NaN if not determined, shape (N,).
         residual: root mean square difference between fitted and measured changes of speed [m/s].
         intervals: number of intervals in which a braked wheel turned.
-        stops: equations of each recording, for the figure.
+        stops: momentum equations of each recorded stop.
     """
 
     values: FloatArray
@@ -172,7 +172,7 @@ def mean_shares(stop: StopEquations, dead_time: float, time_constant: float) -> 
     begins, changes = stop.data.command_time[1:][news] + dead_time, changes[news]
 
     def risen(time: FloatArray) -> FloatArray:
-        """Return the integral of the added pressure shares up to K times [s], shape (K, N)."""
+        """Return the time integral of the pressure changes since the first command [s], (K, N)."""
         since = np.maximum(time[:, np.newaxis] - begins, 0.0)
         return np.asarray((since + tau * np.expm1(-since / tau)) @ changes)
 
@@ -265,13 +265,14 @@ def _differences(equations: Sequence[StopEquations], unknowns: FloatArray) -> Fl
 def _summed(stop: StopEquations, rows: FloatArray) -> FloatArray:
     """Return the cumulative sums of rows within each segment, minus the mean of these sums.
 
+    The mean is subtracted because the error of the speed at the start of a segment is unknown.
+
     Args:
         stop: equations of a stop with K intervals, which gives the segments.
         rows: one row for each interval, shape (K, ...).
 
     Returns:
-        Sums, with one row more than intervals in each segment. Their mean is subtracted because the
-        error of the speed at the start of a segment is unknown.
+        Sums; a segment of k intervals has k + 1 rows, the first of which is the sum of no interval.
     """
     sums = []
     for number in np.unique(stop.segment):

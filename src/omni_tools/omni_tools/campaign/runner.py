@@ -134,7 +134,7 @@ def run_campaign(
         report: function that is called with the completed share (0 to 1) and a text.
 
     Returns:
-        The rows of this part in the order of their seeds.
+        The rows of the selected seeds, in the order of the seeds.
 
     Raises:
         ConfigurationError: the options are invalid, or a table belongs to another campaign.
@@ -176,8 +176,8 @@ def _run(
 ) -> None:
     """Run seeds on a cluster or on this machine.
 
-    On this machine, the first seeds run in this process. Others run on all cores, if this is worth
-    the time to start the workers.
+    On this machine, the first seeds run in this process. Workers on all cores run the other seeds,
+    unless the remaining work is shorter than the time to start the workers.
 
     Args:
         work: function that makes one run.
@@ -224,7 +224,7 @@ class _Chunks:
     def taking(
         self, take: Callable[[list[Row]], None]
     ) -> Callable[[tuple[list[Row], float]], None]:
-        """Return the callback for results: it stores the rows and updates the chunk size."""
+        """Return a callback for the result of a chunk, which stores rows and adapts chunk sizes."""
 
         def learn(answer: tuple[list[Row], float]) -> None:
             rows, duration = answer

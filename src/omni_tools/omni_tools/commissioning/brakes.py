@@ -24,15 +24,16 @@ from omni_tools.vehicles.plausibility import wheel_facts
 class Tolerances(NamedTuple):
     """Test conditions, and tolerances within which the brakes count as correct.
 
+    A brake is tested only if it was demanded long enough: `braked` or `share` must be reached.
+
     Attributes:
-        latest: limit on the delay of a brake's response beyond the dead time in the vehicle's file
-            [s].
-        response: minimum mean slip force of a braked wheel, divided by the largest one of all
-            wheels [1].
-        braked: minimum integral of the demand while a wheel moves, for a test of its brake [s].
-        share: minimum mean demand, which also suffices for a test of a brake [1].
-        gain: minimum increase of the sum of correlations at which two brakes count as exchanged
-            [1].
+        latest: longest delay to search for, in addition to the dead time in the vehicle's file [s].
+        response: minimum mean ground torque on a braked wheel, as a share of the largest such
+            torque of all wheels [1].
+        braked: minimum time integral of the demand while the wheel moves [s].
+        share: minimum mean of the demand while the driver brakes and the wheel moves [1].
+        gain: two brakes count as exchanged if their exchange increases the sum of correlations by
+            more than this value [1].
         delay: limit on the difference between the measured dead time and that in the vehicle's file
             [s].
         slowest: minimum speed of a wheel for a defined slip, as a share of the top speed [1].
@@ -88,29 +89,30 @@ class Response(NamedTuple):
         return self._replace(demand=demand)
 
     def action(self) -> FloatArray:
-        """Return the torque that each brake exerts at its demand [N m], shape (T, N).
+        """Return the torque that each brake should exert at its demand [N m], shape (T, N).
 
-        The rolling speed limits the torque, because the measured speed depends on the slip.
+        The power limit of a drive is applied at the rolling speed, not at the measured wheel speed,
+        which depends on the slip.
         """
         return self.brake.limited(self.demand * self.brake.max_torque, self.rolling)
 
     def measured(self) -> FloatArray:
-        """Return the measured torque that a brake determines [N m], shape (T, N).
+        """Return the measured torque that is compared with `predicted` [N m], shape (T, N).
 
-        It is the torque of the ground for velocity drives, because such a drive provides the torque
-        that accelerates the wheel. For all other brakes, it is the torque of the brake.
+        For velocity drives, this is the torque of the ground. For all other brakes, it is the
+        torque of the brake.
         """
         return self.slip if self.brake.kind == VELOCITY else self.torque
 
     def predicted(self) -> FloatArray:
-        """Return the value of `measured` that follows from the demands [N m], shape (T, N)."""
+        """Return the torque that `measured` should be, given the demands [N m], shape (T, N)."""
         return self._slip_of_command() if self.brake.kind == VELOCITY else self.action()
 
     def _slip_of_command(self) -> FloatArray:
         """Return the torque of the ground on wheels that follow their speed commands [N m], (T, N).
 
         The speed command of a braked wheel decreases along the ramp. The speed command of a
-        released wheel equals the measured speed.
+        released wheel is its rolling speed.
         """
         rolling, command = np.abs(self.rolling), np.abs(self.rolling)
         fall = self.demand * self.brake.ramp / self.radius * self.period
@@ -127,9 +129,10 @@ def response_of(
     motions: Motions,
     vehicle: VehicleConfiguration,
 ) -> Response:
-    """Return the response of the wheels, for tires whose force is proportional to the slip.
+    """Return the response of the wheels to their brakes.
 
-    A steeper model of the tires would turn small errors of the twist into large forces.
+    The tire force is modeled as proportional to the slip. With the steep initial slope of a real
+    tire, small errors of the twist would cause large errors of the force.
     """
     wheel_speeds = PlatformKinematics.of(wheels).wheel_speeds
     predicted = wheel_speeds(motions.twist)
@@ -177,14 +180,14 @@ def _acting(demand: FloatArray, period: float, brake: BrakeConfiguration) -> Flo
 
 
 def _late(response: Response) -> int:
-    """Return how many rows the measured torques are later than `Response.action`.
+    """Return the delay of the measured torques relative to `Response.action`, in rows.
 
-    The delay is that with the largest correlation near the starts of the stops. The torques are
-    means over all wheels, which depend neither on the order of the brakes nor on a single brake.
+    At this delay, the two have the largest correlation near the starts of the stops. Means over all
+    wheels are correlated, because they do not depend on the order of the brakes.
 
     Returns:
-        Number of rows; 1 if the dead time in the vehicle's file is correct, or if no stop begins
-        while a wheel moves.
+        Number of rows; 1 if the dead time in the vehicle's file is correct. Also 1 if no stop
+        begins while a wheel moves.
     """
     torque, action = (
         np.ma.masked_array(values, ~response.moving).mean(axis=1, keepdims=True).filled(0.0)
@@ -201,10 +204,10 @@ def _late(response: Response) -> int:
 def exchanged(response: Response) -> tuple[int, int] | None:
     """Return the indices of two exchanged brakes; None if the described order fits best.
 
-    These are the two brakes whose exchange increases the sum of correlations most; after the
-    exchange, every brake must act. Measured and predicted torques are correlated after the mean of
-    all wheels is subtracted. The pedal acts on all brakes at once, so only the deviation from the
-    mean distinguishes the wheels.
+    The exchange of these brakes increases the sum of the wheels' correlations most. A correlation
+    is that of measured and predicted torque of a wheel, each minus the mean of all wheels. The mean
+    is subtracted because the pedal acts on all brakes at once. After the exchange, every brake must
+    act.
     """
     torque, late = _without_mean(response.measured(), response.moving), _late(response)
     braking = np.flatnonzero(response.braking & np.any(response.moving, axis=1, keepdims=True))
@@ -219,7 +222,7 @@ def exchanged(response: Response) -> tuple[int, int] | None:
     best, described = max(scores, key=lambda pair: scores[pair]), score(response)
     if scores[best] <= max(described, 0.0) + _ALLOWED.gain:
         return None
-    # A brake without effect in both orders is idle, and not exchanged.
+    # A brake that has no effect even after the exchange is idle, not exchanged.
     return best if idle(response.exchanged(*best)) is None else None
 
 
@@ -240,7 +243,8 @@ def idle(response: Response) -> int | None:
         for values in (demand, response.moving & response.braking)
     )
     tested = braked >= np.minimum(_ALLOWED.braked, _ALLOWED.share * longest)
-    # The slip force of a wheel without a brake is at most 0: the ground only keeps it rolling.
+    # On a wheel without a brake, the ground torque is at most 0, because the ground only keeps the
+    # wheel rolling.
     slip = np.sum(demand * response.slip, axis=0) * response.period / np.maximum(braked, 1e-9)
     found = np.flatnonzero(tested & (slip < _ALLOWED.response * np.max(slip)))
     return int(found[0]) if len(found) else None

@@ -26,7 +26,7 @@ _SHORTEST = 0.3
 """Minimum duration of a motion, and of a rest between two motions [s]."""
 
 _LARGEST = 1e6
-"""A reading of at least this magnitude counts as missing, in the unit of its topic."""
+"""Magnitude at or above which a reading counts as missing [unit of its topic]."""
 
 
 class Signals(NamedTuple):
@@ -178,7 +178,7 @@ def _by_wheel(stream: Stream, field: str, wheels: Sequence[str]) -> quantities.F
 
 
 def unchecked(drive: Signals, motions: Motions) -> dict[str, str]:
-    """Return the parts that could not be checked, keyed by the topic that lacks values."""
+    """Return the parts of the vehicle that cannot be checked, keyed by the topic without values."""
     nothing = np.zeros(0)
     needs = {
         _TWIST: (motions.twist, drive.twist, "twist sensor and brakes"),
@@ -238,7 +238,9 @@ def _integral(values: quantities.FloatArray, dt: float) -> quantities.FloatArray
 def _runs(
     speed: quantities.FloatArray, period: float, moves: tuple[float, float] = (0.01, 0.03)
 ) -> list[slice]:
-    """Return the spans of motion; short rests are included, and short or slow spans are omitted.
+    """Return the rows of each motion.
+
+    A short rest does not end a motion, and short or slow motions are omitted.
 
     Args:
         speed: largest wheel speed [rad/s], shape (T,).

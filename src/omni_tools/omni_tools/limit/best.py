@@ -96,8 +96,7 @@ class Transcription(NamedTuple):
         end_speed: speed at which a stop ends [m/s].
         smooth_speed: minimum denominator of the slip, which makes the slip a smooth function [m/s].
         rise_time: time in which a brake rises from zero to full torque [s].
-        released: rim speed below which the optimizer may choose a brake torque of either sign
-            [m/s].
+        released: rim speed below which a brake torque of either sign is allowed [m/s].
         least_load: lower limit on the load of a wheel [N].
         smoothing: weight of torque changes in the objective; a positive weight makes the solution
             unique.
@@ -181,7 +180,7 @@ class OptimalStop:
         )
 
     def _start_from(self, guess: RunHistory) -> None:
-        """Use a run as the initial value of the optimization; it begins at the start of braking."""
+        """Use a run, from its start of braking on, as the initial value of the optimization."""
         opti, first = self._opti, guess.brake_start or 0
         ends = np.linspace(0.0, 1.0, self._intervals + 1)
         points = np.sort(np.concatenate((ends[1:], ends[:-1] + np.diff(ends) / 3.0)))
@@ -317,7 +316,7 @@ class OptimalStop:
         opti.minimize(self._distance + self._program.smoothing * ca.sumsqr(change))
 
     def _straight_distance(self, last: Any) -> Any:
-        """Return the straight-line distance of base_link from its start to a state [m]."""
+        """Return the straight-line distance between base_link at the start and in a state [m]."""
         ca, (c_x, c_y) = self._casadi, self._masses.center
 
         def base(x: Any) -> tuple[Any, Any]:

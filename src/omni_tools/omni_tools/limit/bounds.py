@@ -39,7 +39,7 @@ _TIME_STEP = 2e-3  # time step during the torque build-up [s]
 _PLACES = 200  # number of positions along the path over patches
 _LEAST = 1e-6  # smaller decelerations do not stop the vehicle [m/s^2]
 _LEVELS = 64  # number of torque levels during build-up, rounded up
-_SKETCHED = 12  # number of levels, rounded down, and of headings for a sketch
+_SKETCHED = 12  # number of torque levels of a sketch, rounded down, and number of its headings
 _WEAK = "friction or brakes are too weak to stop the vehicle"
 _SLOPE = "the ground is not level, and the slope force is not modeled"
 _SPRUNG = "the chassis is sprung, and the resulting load oscillation is not modeled"
@@ -190,9 +190,10 @@ def any_heading_sketch(
 
 
 class _Cases:
-    """Largest deceleration of a vehicle at each position and brake torque of a stop.
+    """Computes a lower bound of the distance of all stops that a subclass admits.
 
-    A subclass states which stops are admissible. Results for equal friction and torque are stored.
+    At every position of the stop, the vehicle has the largest deceleration that friction and brake
+    torque permit. Results for equal friction and torque are stored.
     """
 
     def __init__(
@@ -217,7 +218,7 @@ class _Cases:
         self._step = max(math.hypot(*maneuver.twist[:2]) ** 2 / (2.0 * 3.0) / _PLACES, 1e-3)
 
     def distance(self, speed: float) -> float:
-        """Return the distance to rest from a speed [m/s], with the largest decelerations [m]."""
+        """Return the distance to rest from a speed [m/s], at the largest decelerations [m]."""
         enough, final = self._enough_torque, self._final
         distance = time = 0.0
         while speed > 0.0:
@@ -309,10 +310,10 @@ class _Straight(_Cases):
     def near(self) -> list[float]:
         """Deviations of the direction of motion for which the bound is computed [rad].
 
-        They are the ends of the range (heading and direction of motion may each deviate by `KEPT`),
-        and the directions within the range in which the motion does not drive some wheel. Such a
-        wheel may exert a force of either sign if it is locked, but not in a slightly different
-        direction.
+        Heading and direction of motion may each deviate by `KEPT`, so the ends of the range are
+        twice this angle. Directions in which the motion does not drive a wheel are special: in
+        exactly such a direction, the locked wheel may exert a force of either sign. Those within
+        the range are therefore included.
         """
         d, active = self._direction, self.limit.active
         away = np.arctan2(d[0] * active[:, 1] - d[1] * active[:, 0], active @ d)
@@ -344,7 +345,7 @@ class _AnyHeading(_Cases):
 
 
 class _OneHeading(_AnyHeading):
-    """Stops with one heading, that of `_SKETCHED` headings with the largest deceleration."""
+    """Stops with a constant heading: the one of `_SKETCHED` headings that decelerates most."""
 
     _heading: FloatArray | None = None
 

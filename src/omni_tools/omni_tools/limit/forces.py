@@ -31,8 +31,8 @@ from omni_sim.vehicle import configuration, loads
 
 _TANGENTS = 97
 _FIRST = 16  # the first program has every 16th tangent; further tangents are added as needed
-# Vertical offset of a tangent, which covers the error of the load grid, and limit on the violation
-# of an omitted tangent [N].
+# Vertical offset of the tangents, which covers the error of the load grid [N]. An omitted tangent
+# may be violated by up to this value.
 _FORCE_ERROR = 1e-3
 # Cosine of the angle between active direction and motion below which the motion does not drive a
 # wheel [1].
@@ -391,10 +391,12 @@ def farthest(support: Callable[[float], float], tolerance: float) -> float:
 
 
 def _corner(interval: tuple[tuple[float, float], tuple[float, float]]) -> float:
-    """Return the largest distance from the origin of a point that two supporting lines permit.
+    """Return an upper bound of the distance from the origin for points between two directions.
+
+    The points are on the inner side of the support line of each direction.
 
     Args:
-        interval: direction [rad] and distance from the origin of each of the two lines.
+        interval: direction [rad] and distance from the origin of each of the two support lines.
     """
     (start, one), (end, other) = interval
     cos = math.cos(end - start)

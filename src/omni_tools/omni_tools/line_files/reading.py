@@ -36,7 +36,7 @@ class RawFormat:
     """Layout of a file of raw bytes.
 
     Attributes:
-        pixels: number of pixels per line; 0 if the file contains this number.
+        pixels: number of pixels per line; 0 if unknown, in which case raw bytes cannot be read.
         bits: number of bits per pixel, 8 or 16 (little endian).
     """
 
@@ -47,10 +47,17 @@ class RawFormat:
 def read_lines(
     path: Path, cut: Cut, raw: RawFormat = RawFormat(), most: int = 1 << 32
 ) -> signals.Lines:
-    """Return at most `most` bytes of lines, oldest first, 8 or 16 bit, shape (m, n).
+    """Return the lines in a file or folder, oldest first, as 8 or 16 bit integers, shape (m, n).
+
+    Args:
+        path: file, or folder of pictures.
+        cut: rows or columns of each picture that are used as lines.
+        raw: layout of files with raw bytes.
+        most: limit on the size of all lines [B].
 
     Raises:
-        LineFileError: the file cannot be read, has no line, or has lines of different lengths.
+        LineFileError: the file cannot be read, contains no line or more than `most` bytes, or its
+            lines differ in length or type.
     """
     if not path.exists():
         raise LineFileError(str(path), "there is no such file or folder")

@@ -183,11 +183,11 @@ def measure(
         motions: motions of the camera; the search covers displacements between two lines of up to
             half the length of a line.
         texture: the ground.
-        pairs: number of consecutive line pairs from each position.
+        pairs: number of consecutive line pairs from each start position.
         noise: standard deviation [gray levels].
         seed: seed of positions and noise.
         metric: similarity metric of the search.
-        runs: number of random positions for each motion.
+        runs: number of random start positions for each motion.
     """
     generator = np.random.default_rng(seed)
     views = list(dict.fromkeys(motion.view for motion in motions))

@@ -143,7 +143,7 @@ class Design(NamedTuple):
 
     Attributes:
         trial: measured errors of one camera, and the error model fitted to them.
-        criterion: criterion that the search minimized.
+        criterion: mean twist error, which the search minimized.
         found: result of the search.
         placements: the best placement, the given placements, the placement with the smallest
             condition number, and common placements.
@@ -207,7 +207,7 @@ def design(task: DesignTask, report: Report) -> Design:
 
 
 def confirm(task: DesignTask, result: Design, report: Report) -> dict[str, PlacementTrial]:
-    """Return the errors of the twist with simulated lines, by name of each regular placement."""
+    """Return the measured errors of all non-singular placements, keyed by placement name."""
     regular = [placement for placement in result.placements if not placement.singular]
     trials = {}
     for index, placement in enumerate(regular):

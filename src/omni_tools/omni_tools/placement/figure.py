@@ -93,15 +93,17 @@ def _norm(
     levels: int = 14,
     end: tuple[float, float] = (1.5, 2.5),
 ) -> BoundaryNorm:
-    """Return a color scale for all errors, limited to a multiple of the smallest mean error.
+    """Return a color scale that starts at the smallest error of all panels.
+
+    The scale ends at the largest error, unless this is outside the limits in `end`.
 
     Args:
         placements: placements in the figure, at least one.
         criterion: criterion that gives the errors.
         area: the chassis.
         levels: number of colors.
-        end: limits on the upper end of the scale: the lower limit relative to the smallest error,
-            and the upper limit relative to the smallest mean error [1].
+        end: minimum upper end of the scale, as a multiple of the smallest error; and maximum upper
+            end, as a multiple of the first placement's mean error [1].
     """
     regular = [p for p in placements if math.isfinite(p.mean_error) and not p.singular]
     if not regular:

@@ -269,10 +269,16 @@ class _Search:
     ) -> float:
         """Move one unit after another to its best neighbor until no move is an improvement.
 
-        Neighbors are up to `reach` times `step` away in each coordinate. The poses in `current` are
-        changed in place. `value` is their criterion; if it is infinite (unknown, or some units are
-        at invalid positions), the first move of each unit need not be an improvement. Returns the
-        criterion of the result, which is infinite if a unit has no valid position.
+        Args:
+            units: units of the placement.
+            current: pose of the first camera of each unit, shape (units, 3), changed in place.
+            value: criterion of these poses. If it is infinite, for example because some of the
+                poses are invalid, the first move of each unit need not be an improvement.
+            step: step of x, y [m] and heading [rad], shape (3,).
+            reach: number of steps by which a neighbor may differ in each coordinate.
+
+        Returns:
+            Criterion of the changed poses; infinite if a unit has no valid pose.
         """
         forced = not math.isfinite(value)
         for _ in range(self._effort.sweeps):
@@ -299,14 +305,14 @@ class _Search:
         places: FloatArray,
         own: FloatArray,
     ) -> tuple[float, FloatArray]:
-        """Return the lowest criterion for one moving unit, and the position of this unit.
+        """Return the lowest criterion over the given poses of one unit, and the best pose.
 
         Args:
             units: units of the placement.
             current: x, y [m] and heading [rad] of the first camera of each unit, shape (units, 3).
             index: index of the unit to place.
             places: x, y [m] and heading [rad] to try, shape (K, 3).
-            own: information of each of the unit's cameras at these positions, shape (K, g, M, 6).
+            own: information of each of the unit's g cameras at these poses, shape (K, g, M, 6).
         """
         rest = [i for i in range(len(units)) if i != index]
         poses, others = units[index].poses(places), _all([units[i] for i in rest], current[rest])

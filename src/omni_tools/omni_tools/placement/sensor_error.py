@@ -34,8 +34,8 @@ from omni_sim.texture.texture import GroundTexture
 from omni_tools.line_trials.rig import PERIOD, Rig, View, batch_lines
 
 ORIENTATIONS = 24
-"""Number of random orientations of the camera on the ground for each direction of motion. In a
-single orientation, 0.2 m of texture cause an error that repeated trials do not average out."""
+"""Number of random orientations of the camera on the ground for each direction of motion. With a
+single orientation, the 0.2 m of texture would cause an error that is equal in all trials."""
 
 _CAMERA = "camera"
 _ANGLES = (0.0, 3.0, 10.0, 20.0, 35.0, 50.0, 70.0, 90.0)  # from camera axis to motion [deg]
@@ -46,8 +46,8 @@ class SensorError(NamedTuple):
 
     Attributes:
         straight: a, variance if the camera moves along its axis [m^2/s^2].
-        sideways: b, increase of the variance per share q of the width that the camera crosses from
-            one line to the next [m^2/s^2], if it crosses less than the width in a batch (f = 1).
+        sideways: b, factor of the replaced ground ``q f`` in the numerator of the variance
+            [m^2/s^2].
     """
 
     straight: float

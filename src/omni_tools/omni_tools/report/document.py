@@ -105,7 +105,7 @@ def _run(run: recording.ReportedRun) -> dict[str, Any]:
 
 
 def _columns(values: ArrayLike, stride: int) -> list[str]:
-    """Return each column of values as a base64 text, with every `stride`-th row.
+    """Return each column of the values as a base64 text.
 
     Args:
         values: one or K columns, shape (T,) or (T, K).

@@ -284,15 +284,15 @@ def differing_values(paths: Sequence[Path]) -> tuple[dict[str, list[str]], dict[
 def read_configuration(
     path: Path, wheel_names: Sequence[str]
 ) -> tuple[experiment.ExperimentConfiguration | None, dict[str, str], str]:
-    """Return the configuration stored with a recording, as far as it is valid.
+    """Return the configuration that is stored with a recording, and its values as texts.
 
     Args:
         path: path of the file.
         wheel_names: wheel names of the recording, in any order.
 
     Returns:
-        The configuration, or None if it does not match the recording; its values as texts, keyed by
-        dotted key; the reason for a missing configuration, otherwise an empty text.
+        Configuration; None if it is invalid or does not match the recording. Its readable values as
+        texts, keyed by dotted key. Reason why there is no configuration; otherwise empty.
     """
     values: dict[str, str] = {}
     try:
@@ -326,7 +326,10 @@ def _read_tree(path: Path) -> dict[str, Any]:
 def _flattened(
     tree: Mapping[Any, Any], above: str = "", depth: int = 1
 ) -> Iterator[tuple[str, str]]:
-    """Yield pairs of dotted key and text one by one, as aliases can make a small file large."""
+    """Yield the dotted key and the text of each value in a tree.
+
+    The pairs are yielded one by one, because YAML aliases can make the tree of a small file huge.
+    """
     for name, value in tree.items():
         key = f"{above}.{name}" if above else str(name)
         if isinstance(value, dict) and value and depth < _DEEPEST:

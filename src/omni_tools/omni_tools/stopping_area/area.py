@@ -121,7 +121,7 @@ class StopCampaign:
         cells: cells that divide the motions.
         friction: friction of the ground, lowest and highest [1].
         reaction_time: time of constant motion from the alarm to the pedal [s].
-        per_cell: number of stops of each cell for the area; stops with higher numbers are held out.
+        per_cell: number of stops that determine the area of each cell; further stops are held out.
         seed: seed of all random values.
         settling: time for which the vehicle rolls before the alarm, so that its loads settle [s].
     """
@@ -150,7 +150,7 @@ class StopCampaign:
         return number % len(self.cells)
 
     def extreme(self, number: int) -> bool:
-        """Return whether the random values of a stop are mostly the ends of their ranges."""
+        """Return whether most random values of a stop are drawn from the ends of their ranges."""
         return number < self.fitted or (number - self.fitted) // len(self.cells) % 2 == 0
 
     def configuration(self, number: int) -> experiment.ExperimentConfiguration:

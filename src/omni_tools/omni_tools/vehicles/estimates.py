@@ -61,8 +61,8 @@ class Estimates(NamedTuple):
         brake: ratio of the torque of a brake to the torque that locks the wheel [1].
         clutch: stiffness of a drive's clutch, divided by the drive torque and the wheel radius
             [s/m].
-        load: wheel load at which the tire of Table 1 is used without scaling [N].
-        radius: wheel radius at which the tire of Table 1 is used without scaling [m].
+        load: wheel load for which the forces of the tire of Table 1 need no scaling [N].
+        radius: wheel radius for which the stiffness of this tire needs no scaling [m].
         deceleration: deceleration from which the initial speed of the example stop is computed
             [m/s^2]; the stop is then a few vehicle lengths long.
     """

@@ -17,9 +17,9 @@ from omni_sim.vehicle.configuration import VehicleConfiguration
 from omni_sim.vehicle.loads import GRAVITY, MassProperties, load_plane
 from omni_tools.vehicles.rollers import roller_remarks
 
-# Plausible ranges of ratios [1]: wheel load to the tire's largest load; torque of brakes and drives
-# to the torque at the friction limit; yaw inertia to that of a plate of the chassis' size; inertia
-# of a wheel to the carried mass times the squared radius.
+# Plausible ranges of ratios [1]. load: wheel load to the largest load of the tire. brake and drive:
+# torque to the torque at the friction limit. yaw_inertia: yaw inertia to that of a plate as large
+# as the chassis. wheel_inertia: inertia of a wheel to its carried mass times its squared radius.
 _PLAUSIBLE = {
     "load": (0.05, 1.1),
     "brake": (1.0, 6.0),

@@ -54,8 +54,8 @@ def roller_remarks(wheels: Mapping[str, WheelMount], poor: float = 0.5) -> tuple
 
     Args:
         wheels: wheels of a platform.
-        poor: minimum smallest singular value of a plausible arrangement, divided by the smallest
-            singular value with all roller angles reversed [1].
+        poor: ratio of the smallest singular value to that with all roller angles reversed, below
+            which the arrangement is implausible [1].
     """
     rollers = Rollers.of(wheels)
     suspects = _broken_symmetry(wheels)
@@ -99,7 +99,7 @@ def _shape(geometry: PlatformGeometry) -> str:
 
 
 def _broken_symmetry(wheels: Mapping[str, WheelMount]) -> tuple[str, ...]:
-    """Return the wheels whose opposite roller angle would make the arrangement symmetric."""
+    """Return the wheels whose roller angle, if reversed, would make the arrangement symmetric."""
     if _mirrors_fit(wheels):
         return ()
     return tuple(name for name in wheels if _mirrors_fit({**wheels, name: _flipped(wheels[name])}))
