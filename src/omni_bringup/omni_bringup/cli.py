@@ -186,9 +186,13 @@ def _version() -> str:
 
 
 def _introduction(words: Any) -> str:
-    """Return the introduction of a help text from a docstring, or from the docstring of a module.
+    """Return the introduction of a help text.
 
-    It is the second paragraph for a command, and the first line for any other docstring.
+    The introduction is the second paragraph of a command's docstring, or the first line of any
+    other docstring.
+
+    Args:
+        words: docstring, or a module with a docstring.
     """
     words = words if isinstance(words, str) else words.__doc__
     paragraphs = words.strip().split("\n\n")

@@ -28,7 +28,7 @@ class Claim:
 
     Attributes:
         sentence: text of the claim.
-        found: value of the claim's expression, with its limits.
+        found: value of the expression, with the limits that the comparison sets.
     """
 
     sentence: str
@@ -70,7 +70,7 @@ def _of(cases: _Cases, pattern: str) -> list[float]:
 
 
 def _extreme(choose: Callable[[list[float]], float]) -> Callable[..., float]:
-    """Return `min` or `max` with the result NaN if any value is NaN, which Python may ignore."""
+    """Return a variant of `min` or `max` that returns NaN if any value is NaN."""
 
     def chosen(*values: Any) -> float:
         found = list(values[0] if len(values) == 1 else values)

@@ -169,9 +169,13 @@ def _compose(
 
 
 def _at_full_stick(configuration: ExperimentConfiguration, speed: float) -> ExperimentConfiguration:
-    """Return the configuration with a scripted motion at `speed` [m/s], forward and then sideways.
+    """Return the configuration with a scripted motion that replaces full deflection of the stick.
 
-    It is used to find implausible values: full deflection of the stick demands this speed.
+    The check for implausible values needs a scripted motion.
+
+    Args:
+        configuration: configuration of the whole loop.
+        speed: speed at full deflection [m/s], first forward and then sideways.
     """
     from omni_sim.driver.scripted import DemandConfiguration, ManeuverConfiguration
 

@@ -162,9 +162,10 @@ def _run_variants(
 
 
 def _runs_at_once(options: Options) -> int:
-    """Return how many variants run at once: 2, unless the options or the environment require 1.
+    """Return how many variants run at the same time.
 
-    With 2, the nodes of a variant start while another variant runs.
+    The number is 2, so that the nodes of a variant start while another variant runs. Some options,
+    and a ROS domain that the user has chosen, require 1.
     """
     from omni_ros.environment import chosen_domain
 

@@ -95,7 +95,7 @@ class Nodes:
         """Return the process of the odometry node.
 
         Args:
-            listeners: number of subscribers for which the node waits; 0 for those of a run.
+            listeners: number of subscribers for which the node waits; 0 for as many as in a run.
         """
         listeners = listeners or _RECORDER + 1 + self.configuration.uses_lines
         parameters = _flat(self.configuration.odometry) | self._timing() | _listeners(listeners)
@@ -106,7 +106,11 @@ class Nodes:
         return self._node(name, name, parameters, executable="odometry", own_code=bool(own))
 
     def brake_assist(self, listeners: int = _RECORDER) -> process_group.NodeProcess:
-        """Return the process of the assistant's node, which waits for `listeners` subscribers."""
+        """Return the process of the assistant's node.
+
+        Args:
+            listeners: number of subscribers for which the node waits.
+        """
         configuration = self.configuration
         parameters = _flat(configuration.brake_assist) | self._timing() | _listeners(listeners)
         parameters |= {

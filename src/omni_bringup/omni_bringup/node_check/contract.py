@@ -26,8 +26,8 @@ class Contract:
     Attributes:
         largest_age: limit on the age of the messages [s], keyed by node. The assistant rejects an
             older twist, and a vehicle without newer enables applies all brakes.
-        least_rate: required rate of a simulator's messages [1/s], keyed by topic; a rate that is
-            lower by a tenth is tolerated.
+        least_rate: required rate of a simulator's messages [1/s], keyed by topic; a rate up to a
+            tenth lower is tolerated.
         least_answered: minimum share of the inputs that the node must answer [1].
         warm_up: time after the start in which a node may load its kernels [s].
         silence: time after which an assistant without inputs must not release a brake [s].
@@ -35,10 +35,10 @@ class Contract:
         longest_gap: time without a message after which a simulator counts as silent [s].
         clock_error: limit on the median difference between a simulator's stamps and /clock [s].
         largest_variance: limit on all three variances of a measured twist [m^2/s^2, rad^2/s^2].
-        speed_excess: tolerated excess of a twist over the speed of the wheels, as a share of it
-            [1] and in addition [m/s].
-        yaw_rate_ratio: limits on the ratio of the yaw rates of twist and IMU [1].
-        turning: root mean square of the yaw rate from which this ratio is checked [rad/s].
+        speed_excess: tolerances by which the speed of a twist may exceed the highest speed of the
+            wheels: a share of this speed [1], plus a constant [m/s].
+        yaw_rate_ratio: lower and upper limit on the ratio of the twist's yaw rate to the IMU's [1].
+        turning: minimum root mean square of the yaw rate for a check of this ratio [rad/s].
     """
 
     largest_age: Mapping[str, float]
@@ -64,8 +64,8 @@ CONTRACT = Contract(
 def metrics(exchange: Exchange) -> dict[str, tuple[float, str]]:
     """Return metrics of the answers as pairs (value, unit), keyed by ``quantity.phase``.
 
-    They are the share of answered inputs, the 99th percentile of the answers' age, and the number
-    of answers.
+    The metrics are the share of answered inputs, the 99th percentile of the answers' age, and the
+    number of answers.
     """
     first = [one for one in exchange.answers if one.phase == "recorded"]
     sent = exchange.sent["recorded"]
@@ -142,7 +142,12 @@ def enable_breaches(exchange: Exchange, wheels: Sequence[str]) -> Iterator[str]:
 
 
 def twist_breaches(exchange: Exchange, fastest: float) -> Iterator[str]:
-    """Yield violations in the twists of an odometry; `fastest` is the recorded speed [m/s]."""
+    """Yield violations in the twists that an odometry node publishes.
+
+    Args:
+        exchange: sent inputs and received answers.
+        fastest: highest speed in the recording [m/s].
+    """
     share, amount = CONTRACT.speed_excess
     for one in exchange.answers:
         speed = float(np.hypot(*planar_twist_of(one.message)[0][:2]))
@@ -171,7 +176,10 @@ def twist_breaches(exchange: Exchange, fastest: float) -> Iterator[str]:
 
 
 def fastest(recording: Path, configuration: ExperimentConfiguration) -> float:
-    """Return the largest speed of a recording by its wheels; without them, the permitted one."""
+    """Return the highest speed in a recording, computed from the wheel speeds [m/s].
+
+    If there are no wheel speeds, the configured maximum speed is returned.
+    """
     streams = read_streams(open_vehicle(recording), [topics.WHEEL_STATES])
     if not streams:
         return configuration.brake_assist.maximum_speed
@@ -218,7 +226,12 @@ def simulator_breaches(seen: Mapping[str, Received], wheels: Sequence[str]) -> I
 
 
 def _gap_breaches(exchange: Exchange, limit_ns: int) -> Iterator[str]:
-    """Yield the longest gap between the answered inputs, if inputs in between are unanswered."""
+    """Yield a violation if too many consecutive inputs are unanswered.
+
+    Args:
+        exchange: sent inputs and received answers.
+        limit_ns: limit on the time between two answered inputs with unanswered ones between [ns].
+    """
     begun = exchange.sent["recorded"][0] + round(CONTRACT.warm_up * SECOND_NS)
     sent = np.array([stamp for stamp in exchange.sent["recorded"] if stamp >= begun])
     first = [one for one in exchange.answers if one.phase == "recorded" and one.stamp_ns >= begun]
@@ -234,7 +247,7 @@ def _gap_breaches(exchange: Exchange, limit_ns: int) -> Iterator[str]:
 
 
 def _yaw_rate_problem(seen: Mapping[str, Received]) -> str:
-    """Return a description of yaw rates of twist and IMU that disagree; empty if they agree."""
+    """Return how the yaw rates of twist and IMU disagree; empty if they agree."""
     imu = [message for _, message in seen["imu"].messages]
     twists = [message for _, message in seen["twist"].messages if _is_measured(message)]
     if not twists:

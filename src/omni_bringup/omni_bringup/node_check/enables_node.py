@@ -36,9 +36,9 @@ class Enables:
     def watch(
         self, partner: Partner, duration: float, alive: Callable[[], bool]
     ) -> dict[str, Received]:
-        """Receive messages of the simulator until it ends; return them keyed by topic.
+        """Receive messages of the simulator until it ends; return them, keyed by topic.
 
-        The key ``twist`` has the messages of the first source of the twist that publishes any.
+        Under the key ``twist`` are the messages of the first source that publishes a twist.
 
         Args:
             partner: node of this process.
@@ -66,7 +66,7 @@ class Enables:
         partner.spin(time.monotonic() + CONTRACT.longest_gap)
         for key, topic in watched.items():
             publishers = partner.publishers(topic.path)
-            if seen[key].messages and publishers and alive():  # one that has ended is not silent
+            if seen[key].messages and publishers and alive():  # an ended simulator is not silent
                 seen[key].publishers = publishers
                 seen[key].silent = len(seen[key].messages) == before[key]
         sources = [seen.pop(key) for key in ("twist", "velocity_sensor", "lines")]

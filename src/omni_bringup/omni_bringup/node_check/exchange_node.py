@@ -46,8 +46,8 @@ GAP = 0.3
 _STAMP = struct.Struct("<iI")  # the message follows the four bytes of the CDR header
 _PAUSE_NS = 2 * SECOND_NS  # time between two phases; longer than any timeout of a node
 _LISTEN = 0.5  # s; time of reception after the last input
-# s; if a busy machine delays this process for longer, it sends the rest later, because the waiting
-# messages at once would fill the queues of the checked node
+# s; if a busy machine delays this process for longer, all further messages are sent later, because
+# a burst of late messages would fill the queues of the checked node
 _LARGEST_LAG = 0.02
 _START = 60.0  # s; time within which the node must appear
 
@@ -113,10 +113,14 @@ class Exchange:
         self._last = 0  # send time of the last input on this clock [ns]
 
     def keep(self, data: bytes, info: Mapping[str, int]) -> None:
-        """Store a serialized answer of the node and its time of publication on this machine.
+        """Store an answer of the node, with its age and silence.
 
-        Unlike the time of reception, it does not depend on how long the answer waits in this
-        process.
+        Both are computed from the time of publication, because the time of reception depends on how
+        long the answer waits in this process.
+
+        Args:
+            data: serialized answer.
+            info: information on the message, including its time of publication [ns].
         """
         published, stamp = info["source_timestamp"], leading_stamp(data) or 0
         known = max((sent for sent in self._departures if sent <= stamp), default=None)
@@ -279,9 +283,13 @@ def _exchange(
     publishers: Mapping[str, Publisher],
     alive: Callable[[], bool],
 ) -> Exchange:
-    """Return an exchange that stores the answers of the checked node, which receives the inputs.
+    """Return an exchange that stores the answers, once the checked node receives the inputs.
 
-    `publishers` has the publishers of the inputs, keyed by topic; `feed` explains the others.
+    Args:
+        partner: node of this process.
+        output: topic of the answers.
+        publishers: publishers of the inputs, keyed by topic.
+        alive: function that returns whether the node's process still runs.
     """
     exchange = Exchange(output, partner.await_node(output.path, alive, publishers))
     qos = RELIABLE if all(exchange.publishers) else qos_profile_sensor_data

@@ -14,7 +14,7 @@ from omni_recording.folder import Bag, bag_summary
 from omni_ros.messages import line_image
 
 DEPTH = 200
-"""Queue depth of the publishers, for the metadata of a recording of lines or outputs."""
+"""Queue depth of the publishers, as stored in the metadata of recorded lines and outputs."""
 
 
 def write_lines(

@@ -1,8 +1,9 @@
 """Random stops that compare control laws on proportional and on on-off brakes.
 
 As in the robustness campaign, a seed determines vehicle, load, ground, motion and sensor noise, but
-there are no sensor faults. The seed also determines deviations that a law may not know: a brake lag
-that is nominal or not modeled, and errors of the nominal torque, mass and wheel inertia.
+there are no sensor faults. The seed also determines whether the brakes have a lag, and whether the
+law is informed of this lag. The torque, mass and wheel inertia that the law assumes have random
+errors.
 """
 
 import dataclasses
@@ -23,7 +24,7 @@ from omni_studies.campaign.random_braking import ALLOWED, RandomBraking, draw, w
 _KINDS = (PROPORTIONAL, ON_OFF)
 _ALL_ON = ""  # name of the case with all brakes on
 _LARGEST_DEAD_TIME, _LARGEST_TIME_CONSTANT = 0.05, 0.1  # limits of the drawn brake lag [s]
-_LARGEST_ERROR = 1.6  # limit on the ratio of true to nominal torque, mass or inertia [1]
+_LARGEST_ERROR = 1.6  # limit on the factor by which assumed torque, mass or inertia are wrong [1]
 _SETS = ("first", "second")  # independent sets of stops of an ablation
 
 NEUTRAL = {
@@ -34,15 +35,15 @@ NEUTRAL = {
     "deviation_weight": 0.0,
     "locked_share": 0.0,
 }
-"""Values at which fields of `AllocationConfiguration` have no effect, because they then disable a
-filter, a limit or a cost."""
+"""Values of fields of `AllocationConfiguration` that disable the filter, limit or cost to which the
+field belongs."""
 
 
 class LawTrial(NamedTuple):
     """Result of one stop with one law and one kind of brakes.
 
     Attributes:
-        seed: number of the trial; for each seed of the draws, there is one trial of each of
+        seed: number of the trial. Each seed of the random draws has one trial for each of
             `LawTrials.cases`.
         distance: stopping distance [m].
         rotation: change of orientation while braking [deg].

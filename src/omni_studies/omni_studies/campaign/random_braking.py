@@ -203,13 +203,13 @@ class Allowed(NamedTuple):
     """Limits on the results of an assisted stop.
 
     Attributes:
-        orientation: limit on the orientation change minus the orientation change of the unassisted
+        orientation: limit on the increase of the orientation change over that of the unassisted
             stop [deg].
-        distance: limit on the stopping distance, divided by the distance of the unassisted stop
-            [1]. A value of 2 permits the release of half of the wheels.
+        distance: limit on the ratio of the stopping distance to that of the unassisted stop [1]. A
+            value of 2 permits the release of half of the wheels.
         energy: limit on the rise of the energy during braking, relative to the energy at the start
             of braking [1].
-        shortest: lower limit on the stopping distances that are used in comparisons [m].
+        shortest: stopping distance that replaces any shorter one in comparisons [m].
     """
 
     orientation: float = 5.0
@@ -222,9 +222,9 @@ ALLOWED = Allowed()
 """Limits that apply to every run."""
 
 CAUSES = ("failure", "noise", "patches", "rotation", "direction", "law")
-"""Causes of a violated limit: the sensor is faulty; the sensor is noisy, biased or slow; wheels
-meet patches; the vehicle rotates at the start of braking; it does not move straight ahead; or
-none of these, so that the control law itself is the cause."""
+"""Causes of a violated limit: a sensor fault; noise, offset or low rate of the sensor; patches of
+other friction; rotation at the start of braking; motion that is not straight ahead; and, if none
+of these is the cause, the control law itself."""
 
 LIMITS = ("energy", "orientation", "distance", "rest")
 """Names of the limits; `Outcome` has a field of the same name for the cause of each violation."""

@@ -72,8 +72,8 @@ class Fault(NamedTuple):
         kind: entry of `FaultConfiguration.kind` or `WheelCondition`.
         axis: index of the faulty axis or wheel; -1 for all.
         onset: time from pressing the pedal to the fault [s].
-        amplitude: size of the fault in the unit of the first channel. The size in a second channel
-            has the same relative position in that channel's range.
+        amplitude: size of the fault in the unit of the first channel; `_configurations` derives the
+            size in a second channel.
         period: period of a ramp, sine or delay [s].
     """
 
@@ -120,11 +120,11 @@ class Stop(NamedTuple):
         rest: whether the vehicle comes to rest, 0 or 1.
         distance: stopping distance, divided by the distance of the reference stop [1].
         rotation: rotation minus the rotation of the reference stop [deg].
-        all_on_rotation: rotation if all brakes act from the onset of a brake fault on, as after a
-            detection without delay, minus the rotation of the reference stop [deg]; 0 for other
-            faults.
-        assisting: 1 if brakes were still released 0.5 s after the onset, or if the stop had already
-            ended; otherwise 0.
+        all_on_rotation: rotation that immediate detection of a brake fault would give, because all
+            brakes are then on from the onset, minus the rotation of the reference stop [deg]; 0 for
+            other faults.
+        assisting: 1 if a brake was still released later than 0.5 s after the onset, or if the
+            vehicle was then slower than 1 m/s; otherwise 0.
     """
 
     seed: int
@@ -345,7 +345,10 @@ def _reference(runs: Sequence[FastRun]) -> Reference:
 
 
 def _severity(stop: Stop) -> float:
-    """Return the severity of a stop, which is 1 at the limit of distance or rotation [1]."""
+    """Return the severity of a stop [1]: 1 at the limit of distance or rotation.
+
+    A stop that does not come to rest is worse by 100. A stop that is not counted has severity 0.
+    """
     limit = limits(stop.extent, imu=bool(stop.imu))
     far = (stop.distance - 1.0) / ((limit.distance or 2.0) - 1.0)
     turned = stop.rotation / limit.rotation if limit.rotation else 0.0
@@ -384,7 +387,7 @@ def limits(extent: str, *, imu: bool) -> Limits:
 
 
 def loss_of_twist(stops: FaultyStops, onset: float = 0.3) -> float:
-    """Return the change of orientation in ``straight_line`` after a lasting loss of twist [deg].
+    """Return the change of orientation in ``straight_line`` after a permanent loss of twist [deg].
 
     Args:
         stops: campaign that runs the stop with each of its laws; the larger rotation is returned.

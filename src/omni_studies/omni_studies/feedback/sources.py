@@ -1,9 +1,9 @@
 """Error models of the sources of a body twist.
 
 A model samples and delays the true twist, and adds white noise and a constant scale error. Above
-its maximum speed, and for lost samples, it gives no measurement. A comment at each model names the
-source of its numbers. Wheel odometry is no error model: it uses the simulated encoders. Without a
-twist, the assistant estimates the motion from encoders and IMU.
+its maximum speed, and for lost samples, a model gives no measurement. A comment at each model names
+the source of its numbers. Wheel odometry has no error model, because it uses the simulated
+encoders. Without a twist, the assistant estimates the motion from encoders and IMU.
 """
 
 import dataclasses
@@ -124,7 +124,7 @@ class SourceEstimator:
         self._sampled_ns = _NEVER_NS
 
     def estimate(self, observation: Observation) -> signals.TwistSample:
-        """Return the latest received measurement, or an outdated twist before the first one."""
+        """Return the latest measurement that has arrived; an outdated zero before the first one."""
         now_ns, source = observation.stamp_ns, self._source
         due = now_ns - self._sampled_ns >= round(source.period * 1e9)
         if due and source.kind != NOTHING:

@@ -205,10 +205,10 @@ def cost(
     sound: bool = False,
     abort_above: float = 25.0,
 ) -> float:
-    """Return the sum of the powers of the deviations from Table 2, each in tolerances [1].
+    """Return a sum over the deviations from Table 2, each raised to a power [1].
 
-    After a case with a very large deviation, the remaining cases are skipped, and each adds a high
-    cost.
+    A deviation is expressed in multiples of its tolerance. After a case with a very large
+    deviation, the remaining cases are skipped, and each adds a high cost.
 
     Args:
         bases: variants of ``turn_while_translate``, keyed by case of Table 2.

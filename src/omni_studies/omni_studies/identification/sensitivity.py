@@ -108,8 +108,8 @@ class Assumption(NamedTuple):
     Attributes:
         name: name of the change.
         overrides: overrides of the experiment that make the change.
-        sought: pairs of identified parameters; the first parameter of a pair is set to the value of
-            the second parameter.
+        sought: pairs of names of identified parameters; the first parameter of a pair gets the
+            value of the second one.
         patch_width: factor on the width of the slippery patch [1].
     """
 

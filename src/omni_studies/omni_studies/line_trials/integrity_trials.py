@@ -43,10 +43,10 @@ class Motion:
     growth: float = 0.0
 
     def traveled(self, time: FloatArray) -> FloatArray:
-        """Return the time that a motion with the constant initial twist would need [s], shape (t,).
+        """Return the time in which the constant initial twist would cover the same path [s].
 
         Args:
-            time: times up to which the path is traveled [s], shape (t,).
+            time: times up to which the path is covered by this motion [s], shape (t,).
         """
         return time + 0.5 * self.growth * time**2
 
@@ -230,7 +230,7 @@ class _Exposed(NamedTuple):
 def _exposed(
     ground: Ground, seed: int, motion: Motion, number: int, batches: int, repeats: bool
 ) -> _Exposed:
-    """Render the lines of one drive, which is the same for all faults.
+    """Return the rendered lines of one drive; all faults use the same lines.
 
     Args:
         ground: the ground.

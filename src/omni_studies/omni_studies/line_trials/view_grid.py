@@ -39,7 +39,7 @@ def sideways_motions(axis: float = 0.0) -> list[trials.Motion]:
 
 
 def needed_overlap(overlap: FloatArray, right: FloatArray, share: float = 0.95) -> float:
-    """Return the smallest overlap above which every field of view has enough correct line pairs.
+    """Return the overlap from which on every field of view has enough correct line pairs.
 
     Args:
         overlap: overlap of consecutive lines for each field of view, 0 to 1, any shape.

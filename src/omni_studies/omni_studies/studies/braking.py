@@ -352,7 +352,7 @@ def _over_one_another(
     labels: Sequence[str],
     before: float = 0.2,
 ) -> Figure:
-    """Draw the values of two runs over time, one below the other for each of K quantities.
+    """Draw the values of two runs over time, in one panel for each of K quantities.
 
     Args:
         runs: history and values, shape (T, K), of each run, keyed by label.

@@ -193,7 +193,7 @@ def _patch(cv2: Any, scene: Scene, twist: FloatArray) -> float:
 def _moved(cv2: Any, old: Frame, new: Frame) -> float:
     """Return the displacement along the axis between two frames [px].
 
-    The result of a phase correlation is refined by the method of Lucas and Kanade.
+    A phase correlation gives the displacement, and the method of Lucas and Kanade refines it.
     """
     window = cv2.createHanningWindow((_PIXELS, _PIXELS), cv2.CV_32F)
     # Copies are needed because OpenCV multiplies its arguments by the window.

@@ -133,7 +133,7 @@ class Cases:
 
     @property
     def _each(self) -> list[tuple[str, str]]:
-        """Law and source of the twist of each run of a stop: unassisted, then all combinations."""
+        """Law and source of the twist for each run of a stop: unassisted first."""
         sources = self.options.source
         return [(_UNASSISTED, "ideal"), *((law, one) for law in _LAWS for one in sources)]
 
@@ -289,14 +289,14 @@ def _harms(
 ) -> bool:
     """Return whether assistance does more harm than good.
 
-    This is the case if it increases the largest rotations or distances too much, or if it lengthens
-    most stops without reducing the largest rotations.
+    It does if it increases the largest rotations or distances too much, or if it lengthens most
+    stops without reducing the largest rotations. A distance ratio is the distance divided by that
+    without the assistant.
 
     Args:
         found: statistics from `_results` of a source.
-        longer: limit on the median distance, divided by the distance without the assistant [1],
-            unless the rotation decreases.
-        worst: limit on the 95th percentile of this ratio [1].
+        longer: limit on the median distance ratio, if the largest rotations are not reduced [1].
+        worst: limit on the 95th percentile of the distance ratio [1].
         turn: limit on the increase of the 95th percentile of the rotation due to the assistant
             [deg].
     """

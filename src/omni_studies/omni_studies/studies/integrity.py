@@ -68,9 +68,7 @@ class Options(CampaignOptions):
 
 
 class Drive(NamedTuple):
-    """Numbers of batches in a simulated drive over one ground with one fault.
-
-    The sum of several drives has the same form.
+    """Counts of batches in a simulated drive over one ground with one fault, or in several drives.
 
     Attributes:
         seed: number of the drive in the campaign.
@@ -106,7 +104,7 @@ class Drive(NamedTuple):
         return cls(seed, ground, fault, *every, *counted)
 
     def plus(self, other: Drive) -> Drive:
-        """Return the sum of this drive and another one."""
+        """Return the counts of this drive and another one together."""
         return Drive(*self[:3], *map(operator.add, self[3:], other[3:]))
 
 
@@ -178,7 +176,7 @@ def run(options: Options, study: StudyRun) -> StudyResult:
 
 
 def _added_up(drives: Iterable[Drive]) -> dict[tuple[str, str], Drive]:
-    """Return the sum of the drives for each ground and fault."""
+    """Return the summed counts of all drives, keyed by ground and fault."""
     tallies: dict[tuple[str, str], Drive] = {}
     for drive in drives:
         cell = drive.ground, drive.fault

@@ -135,10 +135,7 @@ OPTIONS = {"bounds": _Bounds}
 
 
 class _Case(NamedTuple):
-    """A run with a given experiment, variant and overrides, or a bound for such runs.
-
-    The name of a case consists of the maneuver, the law or bound, and the condition, if any.
-    """
+    """A run with a given experiment, variant and overrides, or a bound for such runs."""
 
     maneuver: str
     law: str
@@ -149,7 +146,7 @@ class _Case(NamedTuple):
 
     @property
     def name(self) -> str:
-        """Name in metrics and tables."""
+        """Name in metrics and tables: maneuver, law or bound, and any condition."""
         return "_".join(filter(None, (self.maneuver, self.law, self.condition)))
 
 

@@ -1,12 +1,12 @@
 """Highest sideways speeds of the two sensors of Tables 3 and 4, computed and simulated.
 
 Table 4 assumes 60 % overlap: ``v = 0.4 w f`` with the width w of the field of view and the line
-rate f. Each sensor moves sideways over grounds of fine texture at increasing speeds. A speed counts
-as measurable if, at this speed and all lower speeds, the median of ten consecutive displacements
-(section 4.6) is within 1.5 px of the true value at 95 % of random positions. The highest speed is
-the speed at 60 % overlap if the simulation confirms it on every ground. The study also reports the
-share of correct medians at this speed on difficult grounds, and the share of usable pairs on all
-grounds.
+rate f. Each sensor moves sideways over grounds of fine texture at increasing speeds. The median of
+ten consecutive displacements (section 4.6) counts as correct if its error is below 1.5 px. A speed
+counts as measurable if, at this speed and all lower speeds, 95 % of the medians at random positions
+are correct. The highest speed is the speed at 60 % overlap if the simulation confirms it on every
+ground. The study also reports the share of correct medians at this speed on difficult grounds, and
+the share of usable pairs on all grounds.
 
 The whole odometry is then tested with three cameras of each type at their highest speed, in forward
 and in sideways motion.

@@ -150,7 +150,7 @@ def _load_figure(tire: Tire, loads: FloatArray) -> Figure:
 
 
 def _parabola(tire: tmeasy.TMeasyConfiguration, load: FloatArray) -> FloatArray:
-    """Return the longitudinal slope [N] by the parabola (3), also at loads [N] above the limit."""
+    """Return the longitudinal slope [N] by Eq. (3), without the limit on the load [N]."""
     c = tmeasy.direction_coefficients(tire)
     return np.asarray((c[0] + c[1] * load) * load, dtype=np.float64)
 

@@ -55,7 +55,8 @@ _COMPARED = 12  # number of rollers per wheel in figures and metrics
 # Parked on a slope of 5 %, in a direction that is no axis of symmetry.
 _SLOPE = trials.Trial("slope", pedal=1.0, push=(0.05 * math.cos(0.4), 0.05 * math.sin(0.4)))
 _COSTED = 6  # number of rollers per wheel for the computing time, as in section 2.4.1
-# The first wheel of a figure is the reference; the dashed line of the second is drawn over it.
+# Styles of the wheel models in a figure. The first one, the reference, is dashed and
+# drawn over the others.
 _STYLES: tuple[dict[str, Any], ...] = (
     {"color": style.BLACK, "linestyle": "--", "zorder": 3.0},
     {"color": style.SKY},
@@ -385,9 +386,13 @@ def _engine_differences(metrics: Mapping[str, Metric]) -> dict[str, Metric]:
 
 
 def _mismounted(vehicle: VehicleConfiguration, higher: float = 0.001) -> dict[str, Metric]:
-    """Return the largest change of a wheel load if the first wheel is mounted `higher` [m].
+    """Return the largest change of a wheel load due to a mounting error of the first wheel.
 
-    It is computed with soft and with stiff springs, in MuJoCo and in the simulator.
+    The change is computed with soft and with stiff springs, in MuJoCo and in the simulator.
+
+    Args:
+        vehicle: the vehicle.
+        higher: distance by which the first wheel is mounted too high [m].
     """
     offsets = np.zeros(len(vehicle.wheels))
     offsets[0] = higher

@@ -165,9 +165,9 @@ def _center_velocity(row: FloatArray, center: FloatArray) -> FloatArray:
 
 
 def motion_difference(one: Outcome, other: Outcome) -> float:
-    """Return the distance between the mean final positions of two outcomes [1].
+    """Return the relative difference between the mean final positions of two outcomes [1].
 
-    It is divided by the distance of the second position from the start.
+    The distance between the positions is divided by the distance of `other` from the start.
     """
     a, b = one.motion[:, -1, :2].mean(axis=0), other.motion[:, -1, :2].mean(axis=0)
     return float(np.linalg.norm(a - b) / np.linalg.norm(b))

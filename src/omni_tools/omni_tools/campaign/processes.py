@@ -31,15 +31,14 @@ def share(
     take: Callable[[Any], None],
     most_deaths: int = 3,
 ) -> None:
-    """Make the runs of all seeds in several worker processes.
+    """Run all seeds in several worker processes.
 
     Args:
-        run: function that makes the runs of a list of seeds; called in the workers.
+        run: function that runs a list of seeds; called in the workers.
         next_seeds: function that returns the next seeds to run; an empty list after the last seed.
-        workers: number of processes.
+        workers: number of worker processes.
         take: function called with each result of `run`, in any order.
-        most_deaths: limit on the number of workers that die one after the other without any result
-            in between.
+        most_deaths: limit on the number of consecutive workers that die without returning a result.
 
     Raises:
         WorkerDiedError: several workers in a row died with the same seeds.
