@@ -22,9 +22,9 @@ class LineChain:
     """Stores the last line of a batch, for comparison with the first line of the next batch.
 
     Attributes:
-        stretch: relative deviation of the last batch's measured duration from the duration of its
-            lines at the configured line rate [1]; 0 within the tolerance. The velocity may have the
-            same relative error.
+        stretch: relative difference between the measured duration of the last batch and its
+            duration at the configured line rate [1]; 0 within the tolerance. The velocity may have
+            an equal relative error.
         remark: description of this deviation; empty within the tolerance.
         joined: whether the last batch followed the previous one without a gap.
     """
@@ -128,7 +128,7 @@ class LineChain:
     def _contradicts(self, late: float, elapsed: float, count: int, *, joined: bool) -> bool:
         """Return whether the time since the last batch contradicts the number of lines.
 
-        A complete batch that is missing or was delivered twice is no contradiction.
+        A batch that is missing as a whole, or that was delivered twice, is no contradiction.
 
         Args:
             late: `elapsed` minus `count` [line periods].

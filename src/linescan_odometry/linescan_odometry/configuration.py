@@ -42,21 +42,22 @@ class OdometryConfiguration(Configuration):
     shifts in every case"""
     prior_weight: float = parameter(0.0, minimum=0.0, maximum=100.0)
     """Weight of the preference for shifts near the last displacement (section 4.6): relative
-    increase of the distance measure at a shift that is n / k pixels from the last displacement; 0
-    for no preference"""
+    increase of the distance measure at a shift that differs from the last displacement by the
+    limit on the shift; 0 for no preference"""
     flat_field_tables: str = parameter("")
     """Folder with the tables that `omni lines reference` computed from dark and white references
     or from a recorded motion, one file <sensor>.npz for each camera that has a table; empty for no
     tables"""
     minimum_correlation: float = parameter(0.4, minimum=0.0, maximum=1.0)
-    """Pearson's correlation at the best shift, below which a line pair is not used"""
+    """Minimum of Pearson's correlation at the best shift of a line pair; line pairs with a lower
+    correlation are not used"""
     median_lines: int = parameter(10, minimum=1, maximum=10000)
-    """n: number of consecutive displacements whose median is used to reject outliers (section
-    4.6)"""
+    """Number of consecutive displacements whose median is used to reject outliers (section 4.6)"""
     median_tolerance: float = parameter(1.5, unit="px", above=0.0, maximum=100.0)
     """Difference from the median above which a displacement is an outlier"""
     minimum_inlier_share: float = parameter(0.5, above=0.0, maximum=1.0)
-    """Share of usable line pairs below which a batch yields no measurement"""
+    """Minimum share of usable line pairs in a batch; with a lower share, the batch yields no
+    measurement"""
     maximum_acceleration: float = parameter(50.0, unit="m/s^2", minimum=0.0, maximum=1e6)
     """Limit on the plausible acceleration along a sensor's axis; 0 for no limit"""
     maximum_speed: float = parameter(20.0, unit="m/s", above=0.0, maximum=1000.0)

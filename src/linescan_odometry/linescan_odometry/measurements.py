@@ -22,7 +22,8 @@ class Displacement(NamedTuple):
     Attributes:
         value: mean displacement per line, along the camera's +axis [px].
         variance: variance of the mean displacement [px^2].
-        correlation: coherence of neighboring lines, or mean similarity of line pairs, up to 1.
+        correlation: coherence of neighboring lines (method `joint`) or mean correlation of the line
+            pairs (method `pairs`), up to 1.
         share: share of the line pairs that were used, 0 to 1.
         rest: lines without the camera's fixed pattern, shape (m + 1, n); None if it is unknown.
     """

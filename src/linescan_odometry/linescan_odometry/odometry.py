@@ -49,7 +49,8 @@ class _Solution:
         scores: normalized residual of each sensor, and of the axle [1], shape (S,) or (S + 1,).
         leverage: squared error of the twist that one faulty velocity can cause at most, divided by
             the squared score of this velocity [1]. The error is normalized by the covariance.
-        last_variance: variance of the last velocity [m^2/s^2]: that of the axle if there is one.
+        last_variance: variance of the last velocity in the order of the solver [m^2/s^2]. If there
+            is an axle, this velocity is the axle's.
     """
 
     twist: FloatArray
@@ -178,7 +179,7 @@ class LineScanOdometry:
         return FlowReading.unmeasured(stale) if stale else reading
 
     def _stale(self, batch: LineBatch | Flow) -> str:
-        """Return how much older a batch is than the newest one, as a text; empty if recent."""
+        """Return a text that states the delay of a batch after the newest one; empty if small."""
         age = 1e-9 * (self._stamp_ns - batch.stamp_ns)
         too_old = age > self._configuration.skew
         return f"stale: {1e3 * age:.3g} ms older than the newest line" if too_old else ""

@@ -19,7 +19,7 @@ class Cut:
     """Rows or columns of a picture that are used as lines.
 
     Attributes:
-        rows: index of the first row, and that after the last row; None for all rows.
+        rows: index of the first row, and index of the row after the last; None for all rows.
         mean: whether these rows are averaged into one line.
         columns: whether the lines are the columns of the picture.
     """
@@ -48,7 +48,7 @@ class Cut:
 
 
 def row_range(text: str, key: str) -> tuple[int, int] | None:
-    """Return the index of the first row and that after the last row; None for an empty text.
+    """Return the indices of the first row and of the row after the last; None for an empty text.
 
     Args:
         text: value of the parameter, such as ``240`` or ``236:244``.

@@ -48,8 +48,8 @@ class FrameSource(Protocol):
     """Interface of a source of frames: a camera or a file.
 
     Attributes:
-        played: whether the source is a file; its frames can be read before the times at which they
-            are due.
+        played: whether the source is a file, from which frames can be read faster than in real
+            time.
         ended: whether the source has no more frames.
     """
 
@@ -114,7 +114,7 @@ class ArraySource:
         return Frame(np.array(self._pictures[self._next - 1]), self._next)
 
     def close(self) -> None:
-        """Do nothing, because an array occupies no device."""
+        """Do nothing, because no device is open."""
 
 
 class VideoSource:

@@ -123,7 +123,7 @@ class JointEstimator:
         acceleration: float,
         non_uniformity: float = LineSensor.non_uniformity,
     ) -> None:
-        """Create the estimator of one camera, without knowledge of the fixed pattern.
+        """Create the estimator of one camera, whose fixed pattern is unknown.
 
         Args:
             pixels: number of pixels n of a line.

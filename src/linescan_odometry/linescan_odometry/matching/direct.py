@@ -85,7 +85,7 @@ class _Range(NamedTuple):
 
 
 class DirectSearch:
-    """Search with any metric, pair by pair; it can use the displacement of the last pair."""
+    """Searches the shift of one line pair after the other; can use the shift of the last pair."""
 
     def __init__(self, metric: str, limit: int, window: int = 0, prior_weight: float = 0.0) -> None:
         """Create the search for the lines of one camera.

@@ -116,13 +116,13 @@ def _match(
 
 @njit(nogil=True, error_model="numpy", fastmath=_REORDER)
 def _prepare(lines: Lines, sums: NDArray[np.int64], padded: Floats, ends: _Ends) -> None:
-    """Write each line, minus its mean, to `padded`, and sums over its ends to `ends`.
+    """Write each line minus its mean to `padded`, and sums over both ends of the line to `ends`.
 
     Args:
         lines: gray levels, shape (lines, n).
         sums: result of `running_sums`.
         padded: output, centered lines followed by zeros, shape (lines, length).
-        ends: output.
+        ends: output, sums over the first and the last pixels.
     """
     pixels = lines.shape[1]
     for row in range(len(lines)):

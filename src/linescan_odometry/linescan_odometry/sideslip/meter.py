@@ -56,10 +56,10 @@ class SideslipMeter:
         forward_deviation: float = 0.0,
         yaw_rate_deviation: float = 0.0,
     ) -> SideslipEstimate:
-        """Process the camera's lines since the last update, and return the sideslip of the wheel.
+        """Process a batch of lines, and return the sideslip of the wheel.
 
         Args:
-            batch: these lines of the camera.
+            batch: lines of the camera since the last update.
             forward_velocity: mean velocity of the wheel's center along its rolling direction during
                 the batch [m/s]; wheel speed times radius if there is no longitudinal slip.
             yaw_rate: yaw rate [rad/s]; required if the camera is not at the wheel's center.

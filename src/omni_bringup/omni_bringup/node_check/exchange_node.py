@@ -134,11 +134,14 @@ class Exchange:
         self._last = self._departures[stamp] = time.time_ns()
 
     def begin(self, phase: str, fault: tuple[int, int]) -> list[int]:
-        """Start a phase; return an empty list for the stamps of the inputs that require an answer.
+        """Start a phase.
 
         Args:
             phase: one of `PHASES`.
             fault: first and last stamp of the fault of this phase [ns].
+
+        Returns:
+            List to which the caller must append the stamp of each input that requires an answer.
         """
         self._phase = phase
         self._departures.clear()

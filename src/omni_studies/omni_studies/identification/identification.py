@@ -49,7 +49,7 @@ class Quantity:
     decimals: int
 
     def near(self, value: float) -> tuple[float, float]:
-        """Return limits a tenth of the range below and above a value, in `unit`."""
+        """Return a value minus and plus a tenth of the range, as limits in `unit`."""
         reach = 0.1 * (self.high - self.low)
         return max(value - reach, self.low), min(value + reach, self.high)
 

@@ -293,7 +293,7 @@ def _draw_contrast(found: dict[str, list[Trial]], options: LineOptions) -> Figur
 
 _DECADES = (0.02, 10.0)  # range of frequencies in the figure [cycles per mm]
 _PHOTOGRAPHED = {"asphalt": (1.9, 3.1), "worn_asphalt": (1.9, 3.1)}
-"""Contrast of photographs of asphalt, averaged over 20 mm [gray levels]."""
+"""Lowest and highest contrast of photographs of asphalt, averaged over 20 mm [gray levels]."""
 
 _GROUNDS = (
     "cork", "asphalt", "stone", "wood", "plastic", "metal", "walking_tile", "dry_earth",

@@ -101,7 +101,7 @@ def fit_brakes(
     largest_residual: float = 0.3,
     largest_error: float = 0.5,
 ) -> BrakeFit:
-    """Fit one torque, dead time and time constant for all wheels of all stops.
+    """Fit one torque, one dead time and one time constant to all wheels of all stops.
 
     Args:
         stops: recorded stops.

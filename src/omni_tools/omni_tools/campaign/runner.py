@@ -87,7 +87,7 @@ class CampaignOptions(Configuration):
             raise ConfigurationError("--seeds", f"{self.seeds!r} must be two numbers such as 0:500")
 
     def piece(self, seeds: range) -> range:
-        """Return the seeds of this part of a campaign.
+        """Return those seeds of a campaign that the option ``--seeds`` selects.
 
         Args:
             seeds: seeds of the whole campaign.

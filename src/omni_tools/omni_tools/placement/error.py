@@ -226,9 +226,10 @@ def closeness(sensors: Mapping[str, LineSensor]) -> tuple[float, float]:
     For a singular placement, at least one of both is 0.
 
     Returns:
-        Spread angle of the axes [deg], at most 45; its squared sine is the smaller eigenvalue of
-        the mean of ``a a^T``. Effective lever arm [m]: the RMS of the part of the lever arms about
-        base_link that no translation can explain; 0 if all axes meet in a point.
+        Spread angle of the axes [deg], at most 45. Its squared sine is the smaller eigenvalue of
+        the mean of ``a a^T`` over all cameras, where a is the unit vector of a camera's axis.
+        Effective lever arm [m]: the RMS of the part of the lever arms about base_link that no
+        translation can explain; 0 if all axes meet in a point.
     """
     matrix = sensor_matrix(sensors)
     axes, levers = matrix[:, :2], matrix[:, 2]

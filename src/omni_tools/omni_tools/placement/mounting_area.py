@@ -38,12 +38,12 @@ class MountingArea:
 
     @property
     def half(self) -> tuple[float, float]:
-        """Half the length and width of a housing [m]."""
+        """Half the length and half the width of a housing [m]."""
         return 0.5 * self.view.length + self.housing, 0.5 * self.view.width + self.housing
 
     @property
     def reach(self) -> tuple[float, float]:
-        """Half the length and width of the chassis minus the clearance [m]."""
+        """Half the length and half the width of the chassis, each minus the clearance [m]."""
         return (
             0.5 * self.scene.chassis_length - self.clearance,
             0.5 * self.scene.chassis_width - self.clearance,
