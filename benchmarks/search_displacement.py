@@ -56,7 +56,7 @@ def record(pixels: int, lines: int, dtype: type) -> Lines:
 
 
 def median_times(repetitions: int, *actions: Callable[[], object]) -> list[float]:
-    """Run the actions in turns; return the median duration of each, without the first turn [s]."""
+    """Run the actions in turns; return the median duration of each, ignoring the first turn [s]."""
     durations = []
     for _ in range(repetitions + 1):
         times = [time.perf_counter()]

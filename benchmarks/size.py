@@ -46,7 +46,7 @@ def code_lines(text: str) -> int:
 
 
 def constants(text: str) -> int:
-    """Return the number of named numbers of a module."""
+    """Count the named numbers of a module."""
     found = 0
     for node in ast.parse(text).body:
         if isinstance(node, ast.Assign):

@@ -1,4 +1,4 @@
-"""Reasons for a failed set-up, in one sentence with a remedy."""
+"""Messages about a failed set-up: one sentence with the reason and a remedy."""
 
 import errno
 import re

@@ -147,10 +147,12 @@ class LineChain:
         return not again and count > 1 and late < _WHOLE * count
 
     def _keep(self, lines: Lines, *, joined: bool) -> None:
-        """Store lines in the buffer from row 1 on.
+        """Store the lines of a batch in the buffer, starting at row 1.
 
-        If the lines follow those of the previous batch without a gap (`joined`), the last line of
-        the previous batch is stored in row 0.
+        Args:
+            lines: lines of the batch.
+            joined: whether the lines follow those of the previous batch without a gap; the last
+                line of the previous batch is then stored in row 0.
         """
         count = len(lines)
         last = self._buffer[self._last_row].copy() if joined else None

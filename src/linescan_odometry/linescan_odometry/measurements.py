@@ -161,7 +161,7 @@ class TwistEstimate:
 
     @property
     def reason(self) -> str:
-        """Reasons why sensors did not measure, such as ``front: no line``, and any skid."""
+        """Reason of each sensor that did not measure, such as ``front: no line``, and of a skid."""
         each: dict[str, SensorReading | FlowReading] = {**self.readings, **self.flows}
         reasons = [f"{name}: {r.reason}" for name, r in each.items() if not r.measured]
         return "; ".join(reasons + ([self.skid] if self.skid else []))

@@ -179,7 +179,7 @@ class LineScanOdometry:
         return FlowReading.unmeasured(stale) if stale else reading
 
     def _stale(self, batch: LineBatch | Flow) -> str:
-        """Return a text that states the delay of a batch after the newest one; empty if small."""
+        """Return a message if a batch is much older than the newest one, else an empty text."""
         age = 1e-9 * (self._stamp_ns - batch.stamp_ns)
         too_old = age > self._configuration.skew
         return f"stale: {1e3 * age:.3g} ms older than the newest line" if too_old else ""

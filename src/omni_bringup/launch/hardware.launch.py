@@ -35,7 +35,12 @@ def start(context: LaunchContext) -> list[Any]:
 
 
 def started(node: HardwareNode, given: dict[str, str]) -> list[Any]:
-    """Return the exit handler of a node, and the node; `given` contains the launch arguments."""
+    """Return the exit handler of a node, and the node.
+
+    Args:
+        node: the node to start.
+        given: values of the launch arguments, keyed by name.
+    """
     process = Node(
         package=node.package,
         executable=node.executable,

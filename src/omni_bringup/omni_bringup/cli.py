@@ -96,7 +96,7 @@ def _run(words: Sequence[str]) -> int:
 
 @contextmanager
 def _output_to_standard_error() -> Iterator[None]:
-    """Keep the output of a user's law and of the middleware out of the JSON document."""
+    """Redirect standard output, so that only the JSON document is written to it later."""
     sys.stdout.flush()
     standard_output = os.dup(1)
     os.dup2(2, 1)

@@ -52,7 +52,7 @@ class Claim:
 class _Cases(dict[str, float]):
     """Values of a quantity, keyed by case, for the formulas of claims.
 
-    A value is also an attribute, and iteration yields the values instead of the keys.
+    Each value is also available as an attribute. Iteration yields the values, not the keys.
     """
 
     def __getattr__(self, case: str) -> float:

@@ -5,7 +5,7 @@ from omni_platform.configuration import Configuration, ConfigurationError, param
 
 
 class CameraConfiguration(Configuration):
-    """Parameters of a camera, and the selection of lines in its frames."""
+    """Parameters of a camera and of the selection of lines in its frames."""
 
     sensor: str = parameter()
     """Name of the line camera, one of the odometry's `sensors`; its lines are published on
@@ -34,7 +34,7 @@ class CameraConfiguration(Configuration):
     """Time span of the lines in one message"""
     length: float = parameter(0.0, unit="m", minimum=0.0, maximum=1.0)
     """Field of view along the camera's axis, published in camera_info so that the odometry can
-    compare it with its configuration; 0 if unknown"""
+    check its own configuration; 0 if unknown"""
     frame_width: int = parameter(0, unit="px", minimum=0, maximum=16384)
     """Frame width requested from a device; 0 to keep the device's setting"""
     frame_height: int = parameter(0, unit="px", minimum=0, maximum=16384)

@@ -65,7 +65,7 @@ class _View(NamedTuple):
         products: correlations between the lines.
         known: spectrum of the fixed pattern before this batch, shape (F,).
         found: candidates for the displacement per line [px], shape (c,).
-        remainder: correlations without the fixed part of the view.
+        remainder: correlations after removal of everything that is fixed in the lines.
     """
 
     logs: spectra.Floats
@@ -182,9 +182,9 @@ class JointEstimator:
     def _choose(self, view: _View, layout: candidates.Layout, last: float) -> _Choice:
         """Return the candidate for the displacement that explains the lines best.
 
-        The mean of the batch contains everything that is fixed in the view. Without this mean, the
-        lines of a static scene are noise. A motion that explains the remaining lines therefore
-        excludes rest.
+        The mean of all lines contains everything that is fixed in them. At rest, only noise remains
+        after the mean has been subtracted. If a motion explains the remaining lines, the vehicle is
+        therefore not at rest.
 
         Args:
             view: the batch.

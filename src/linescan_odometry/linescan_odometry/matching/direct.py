@@ -277,7 +277,7 @@ def _product(x: Lines, y: Lines) -> int:
 def _differences(x: Lines, y: Lines) -> int:
     """Return the sum of ``|x_i - y_i|`` over the pixels i of two parts of lines, shape (N,) each.
 
-    32 bits suffice for 16384 px of 16 bits.
+    A sum of 32 bits suffices for 16384 pixels of 16 bits.
     """
     total = np.int32(0)
     for i in range(x.shape[0]):

@@ -164,7 +164,8 @@ def _bound(product: Floats, ends: _Ends, pair: int, pixels: int, upper: Floats) 
     The largest correlation is at a shift whose upper bound is at least this lower bound.
 
     Args:
-        product: products of both lines by shift, negative shifts at the end, shape (length,).
+        product: sum of the products of both lines at each shift, with the negative shifts at the
+            end, shape (length,).
         ends: sums over the overlapping parts of the lines.
         pair: number of the pair.
         pixels: number of pixels n of a line.

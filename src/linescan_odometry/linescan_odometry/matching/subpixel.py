@@ -164,12 +164,14 @@ def _filter(
 
 @njit(nogil=True, error_model="numpy", fastmath=_REORDER)
 def _step(filtered: NDArray[np.float32], errors: NDArray[np.float64]) -> float:
-    """Return a Gauss-Newton step [px], infinite without a gradient; write the parts of its error.
+    """Return a Gauss-Newton step [px], and write the error that each part of the overlap causes.
+
+    The step is infinite if the lines have no gradient.
 
     Args:
         filtered: result of `_filter`: new line, its derivative, old line, its derivative,
             shape (4, N).
-        errors: output, error of the step from each part of the overlap [px], shape (parts,).
+        errors: output, error of the step due to each part of the overlap [px], shape (parts,).
     """
     new, new_slope, old, old_slope = filtered
     count = filtered.shape[1]

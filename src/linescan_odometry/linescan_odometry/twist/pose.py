@@ -31,9 +31,9 @@ class PoseIntegrator:
     Between two stamps the platform moves on an arc with the twist of the newer stamp, since this
     twist is the mean over the batch that ends there. An unmeasured twist is integrated as zero. In
     a time t without a measurement, the vehicle may move by ``v_max t``, where ``v_max`` is its
-    maximum speed. Such a gap therefore adds ``v_max^2 t^2`` to the variance of the position: each
-    stamp adds the growth of this term since the previous stamp. The same holds for the yaw and the
-    maximum yaw rate.
+    maximum speed. Such a gap therefore adds ``v_max^2 t^2`` to the variance of the position, and
+    the corresponding term with the maximum yaw rate to the variance of the yaw. At each stamp in
+    the gap, the growth of these terms since the previous stamp is added.
     """
 
     def __init__(self, maximum_speed: float = 20.0, maximum_yaw_rate: float = 10.0) -> None:

@@ -42,7 +42,7 @@ class Options(CommandOptions):
     """command that starts the node in a separate ROS domain (default: the node already runs, in
     the domain of ROS_DOMAIN_ID)"""
     duration: float = option(10.0, unit="s", above=1.0, maximum=600.0)
-    """duration for which messages of a simulator are checked, unless it ends before"""
+    """duration for which messages of a simulator are checked, unless the simulator ends earlier"""
 
 
 def run(options: Options, workspace: Workspace) -> Report:

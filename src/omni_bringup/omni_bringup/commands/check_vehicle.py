@@ -41,9 +41,9 @@ class Options(CommandOptions):
     angle: float = option(90.0, unit="deg", above=0.0, maximum=3600.0)
     """measured angle of the counter-clockwise motion"""
     namespace: str = option("", metavar="NAME")
-    """namespace of the running vehicle, such as robot1, for 'live'"""
+    """namespace of the running vehicle, such as robot1; used only with 'live'"""
     timeout: float = option(600.0, unit="s", above=0.0, maximum=86400.0)
-    """limit on the time until the motions are complete, for 'live'"""
+    """limit on the time until the motions are complete; used only with 'live'"""
     out: Path | None = option(None, metavar="FILE")
     """corrected vehicle file (default: results/check-vehicle/RECORDING.yaml)"""
 

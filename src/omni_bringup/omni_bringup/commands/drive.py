@@ -54,7 +54,7 @@ class Options(Configuration):
     port: int = option(0, metavar="PORT", minimum=0, maximum=65535)
     """TCP port of the page; 0 for any free port"""
     unstamped: bool = option(False)
-    """cmd_vel has the type Twist, as older teleoperation nodes publish it"""
+    """receive cmd_vel as Twist, which older teleoperation nodes publish, not as TwistStamped"""
     out: Path | None = option(None, metavar="DIR")
     """record the drive to this rosbag2 folder"""
     lines: bool = option(False)

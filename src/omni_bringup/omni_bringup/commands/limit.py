@@ -100,7 +100,7 @@ def run(options: Options, workspace: Workspace) -> Report:
 def _question(options: Options, library: ExperimentLibrary) -> tuple[str, Load]:
     """Return the name of the given experiment or vehicle, and a function that loads it.
 
-    The arguments of this function are overrides, ``dotted.key=value`` texts.
+    The argument of this function is a sequence of overrides, ``dotted.key=value`` texts.
     """
     keys = {
         "speed": "maneuver.speed",

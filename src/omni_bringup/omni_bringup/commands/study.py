@@ -40,7 +40,7 @@ def command(name: str) -> _StudyCommand:
 
 
 class _StudyCommand:
-    """A study as a command, which also determines the folder of its results."""
+    """Command that runs a study, and determines the folder of its results."""
 
     def __init__(self, name: str, study: Study) -> None:
         self._name = name

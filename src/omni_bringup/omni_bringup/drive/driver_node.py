@@ -231,7 +231,7 @@ def _drawing(configuration: DriverConfiguration) -> dict[str, Any]:
 
 
 def _take_in(node: DriverNode, spinner: process.Spinner) -> None:
-    """Run the callbacks of all received messages, as each `spin_once` runs only one callback."""
+    """Run the callbacks of all received messages; a single `spin_once` runs only one callback."""
     before = -1
     while node.received != before:
         before = node.received

@@ -120,8 +120,7 @@ class DriveServer:
             source: selector of the demand source.
             largest: body twist at full deflection of the page's stick [m/s, m/s, rad/s].
             greeting: first message sent to a page when it opens.
-            receive: function that is called with those messages of a page that change more than
-                pedal and stick.
+            receive: function that is called with each demand of the page.
             token: token in the address; empty for a random token.
             clock: function that returns a monotonic time [s].
             address: IP address of this machine, and TCP port; 0 for any free port.

@@ -82,7 +82,7 @@ def metrics(exchange: Exchange) -> dict[str, tuple[float, str]]:
 
 
 def common_breaches(exchange: Exchange, node: str, topic: str) -> Iterator[str]:
-    """Yield violations in publishers, rate, age or stamps of the answers, which any node may have.
+    """Yield violations that both kinds of node may have: in publishers, rate, age or stamps.
 
     Args:
         exchange: sent inputs and received answers.
@@ -230,7 +230,8 @@ def _gap_breaches(exchange: Exchange, limit_ns: int) -> Iterator[str]:
 
     Args:
         exchange: sent inputs and received answers.
-        limit_ns: limit on the time between two answered inputs with unanswered ones between [ns].
+        limit_ns: limit on the time between two answered inputs, if inputs between them are not
+            answered [ns].
     """
     begun = exchange.sent["recorded"][0] + round(CONTRACT.warm_up * SECOND_NS)
     sent = np.array([stamp for stamp in exchange.sent["recorded"] if stamp >= begun])
@@ -309,7 +310,7 @@ def _stream_breaches(key: str, received: Received, clock: Received) -> Iterator[
 
 
 def _after(exchange: Exchange, phase: str) -> list[Answer]:
-    """Return the answers with stamps after the recovery time that follows the fault of a phase."""
+    """Return the answers of a phase that follow its fault by more than the recovery time."""
     limit = exchange.faults[phase][1] + round(CONTRACT.recovery * SECOND_NS)
     return [one for one in exchange.answers if one.phase == phase and one.stamp_ns > limit]
 

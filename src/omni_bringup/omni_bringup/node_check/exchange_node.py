@@ -59,9 +59,9 @@ class Answer:
     Attributes:
         phase: phase in which the message was received, one of `PHASES`.
         stamp_ns: time stamp of the message [ns].
-        age: time from the newest input whose stamp is not later than the stamp of the message to
-            the publication of the message [s].
-        silence: time from the last input of any kind to the publication of the message [s].
+        age: delay of the publication of the message after its newest input was sent [s]. This input
+            is the newest one with a stamp up to `stamp_ns`.
+        silence: time from sending the last input of any kind to the publication [s].
         message: the message.
     """
 

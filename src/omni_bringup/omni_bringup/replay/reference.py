@@ -68,7 +68,7 @@ def read_reference(
 
 
 def _means(time: FloatArray, pose: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the mean twists between successive poses, on which short shocks have little effect.
+    """Return the mean twists over intervals between poses; short shocks hardly affect these means.
 
     Args:
         time: times of the poses [s], shape (K,).
@@ -92,7 +92,7 @@ def _means(time: FloatArray, pose: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def _accelerating(time: FloatArray, twist: FloatArray, steady: float = 1.0) -> NDArray[np.bool_]:
-    """Return whether the acceleration at each sample is so large that wheels may slip, shape (K,).
+    """Return whether wheels may slip at each sample because of the acceleration, shape (K,).
 
     Args:
         time: times [s], shape (K,).

@@ -158,7 +158,7 @@ class FaultyStops:
         library: library that contains the experiment and vehicle files.
         changes: ``dotted.key=value`` changes of all assistants and vehicles; if they name a law,
             only this law is run.
-        searched: n; for every n-th seed, a search for a worse fault is run.
+        searched: number n; every n-th seed is followed by a search for a worse fault.
         steps: number of faults that a search tries.
     """
 

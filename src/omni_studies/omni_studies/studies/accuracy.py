@@ -154,7 +154,7 @@ def locking(fraction: FloatArray, error: FloatArray) -> float:
 
 
 def _pull(fraction: FloatArray, error: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return a range of fractional displacements [px], and the fitted bias at each of them [px].
+    """Return fractional displacements from 0 to 1 px, and the fitted bias at each of them [px].
 
     Args:
         fraction: fractional part of the true displacements [px], evenly distributed, shape (m,).
@@ -325,12 +325,12 @@ def _covariance(options: _Drives, study: StudyRun) -> StudyResult:
 
 
 def _leave_one_out(cases: list[DriveCase]) -> dict[str, tuple[float, float, float]]:
-    """Return the cross-validation on each ground, with a factor fitted on all other grounds.
+    """Return the results of a cross-validation over the grounds.
 
     Returns:
-        Three values, keyed by ground: the factor on the variances [1], the mean of the squared
-            errors of single cameras divided by their scaled variances [1], and the share of the
-            errors within 1.96 standard deviations [%].
+        Three values, keyed by the ground that is left out: the factor on the variances, fitted on
+            all other grounds [1]; the mean of the squared errors of single cameras, each divided
+            by its scaled variance [1]; the share of errors within 1.96 standard deviations [%].
     """
     trials: dict[str, list[FloatArray]] = {}
     for case in cases:

@@ -147,7 +147,7 @@ class Cases:
         return stops * len(self._each)
 
     def run(self, number: int) -> Stop:
-        """Run the case with this number."""
+        """Run the case with the given number."""
         rest, case = divmod(number, len(self._each))
         place = min(rest // self.options.runs, len(self.bases))
         stop = rest - place * self.options.runs

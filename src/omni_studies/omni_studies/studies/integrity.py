@@ -95,7 +95,7 @@ class Drive(NamedTuple):
 
     @classmethod
     def of(cls, seed: int, ground: str, fault: str, tally: trials.Tally) -> Drive:
-        """Return the numbers of a drive from the errors of all batches."""
+        """Return the counts of a drive, from the errors of all batches."""
         measured = np.isfinite(tally.ratio)
         ratio, error = tally.ratio[measured], tally.error[measured]
         every = len(tally.ratio), int(np.count_nonzero(tally.undetected))
@@ -200,7 +200,7 @@ def _chosen(option: str, words: str, names: tuple[str, ...]) -> tuple[str, ...]:
 
 
 def _numbers(counts: Drive) -> tuple[float, ...]:
-    """Return the values of a row of integrity.csv, after ground and fault."""
+    """Return the values that follow ground and fault in a row of integrity.csv."""
     measured = counts.measured or math.nan
     return (
         counts.batches,

@@ -126,7 +126,7 @@ class _Bounds(CampaignOptions):
     """Options of the study ``bounds``: number of runs, first seed, and worker processes."""
 
     runs: int = parameter(10_000, minimum=4, maximum=10**7)
-    """number of runs: four laws for each random stop"""
+    """number of runs; each random stop is run under four laws"""
     seed: int = parameter(0, minimum=0)
     """seed of the first stop; the seeds of the other stops follow it"""
 

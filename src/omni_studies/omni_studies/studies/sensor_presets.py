@@ -65,7 +65,7 @@ class Options(line_options.TextureOptions):
     runs: int = line_options.runs_option(40)
     noise: float = line_options.noise_option()
     needed: float = parameter(0.95, minimum=0.0, maximum=1.0)
-    """share of correct medians from which on a speed counts as measurable"""
+    """minimum share of correct medians at a speed that counts as measurable"""
     method: str = parameter(OdometryConfiguration.method, choices=METHODS)
     """value of the parameter odometry.method"""
 
@@ -126,7 +126,7 @@ def _speeds(
         sensor: the camera.
         speeds: simulated sideways speeds [m/s], shape (V,).
         right: share of correct medians at each speed, 0 to 1, keyed by ground, shape (V,) each.
-        needed: share from which on a speed counts as measurable [1].
+        needed: minimum share of correct medians at a speed that counts as measurable, 0 to 1.
     """
     preset, computed = _PRESETS[name], sensor.sideways_speed
     limits = {ground: _highest(speeds, share, needed) for ground, share in right.items()}

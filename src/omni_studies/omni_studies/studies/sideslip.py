@@ -102,7 +102,7 @@ class RollingWheel:
     """A wheel that rolls over a ground, with a line camera parallel to the axle of the wheel."""
 
     def __init__(self, sensor: LineSensor, texture: GroundTexture, noise: float, seed: int) -> None:
-        """Create the camera of the wheel over the ground.
+        """Place the camera of the wheel over a ground.
 
         Args:
             sensor: camera, placed at the contact of the wheel and parallel to the wheel's axis.
@@ -252,7 +252,7 @@ def draw_sideslip(
 
 
 def _looks(trials: Mapping[Case, Sequence[Angles]]) -> dict[Case, dict[str, Any]]:
-    """Return the color of each ground and the marker of each sensor, with the label of both."""
+    """Return the style of each curve: color of its ground, marker of its sensor, and label."""
     grounds = list(dict.fromkeys(ground for ground, _ in trials))
     sensors = list(dict.fromkeys(sensor for _, sensor in trials))
     return {

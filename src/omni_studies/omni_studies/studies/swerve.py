@@ -136,7 +136,9 @@ def locked(configuration: VehicleConfiguration, speed: float, after: float = 0.1
 
 
 def _draw_forces(cases: Mapping[str, LockedWheels], arrow: float = 0.55) -> Figure:
-    """Draw the vehicle from above with the force of each locked wheel and, half as long, their sum.
+    """Draw the vehicle from above, with the forces of the locked wheels and their sum.
+
+    The arrow of the sum has half the scale of the other arrows.
 
     Args:
         cases: cases, keyed by the names in `_TITLES`; the vehicle moves upwards in the figure.

@@ -232,9 +232,13 @@ class Cost(NamedTuple):
 
     @classmethod
     def of(cls, lag: BrakeLag, dwell_time: float, trials: Sequence[Trial], half: float) -> Cost:
-        """Return the effect of a lag and a dwell time, from the trials that have both.
+        """Return the effect of one brake lag together with one dwell time.
 
-        `half` is half the worst rotation of the unassisted stops [deg].
+        Args:
+            lag: lag of the brakes.
+            dwell_time: minimum dwell time of the valves [s].
+            trials: trials with this lag and this dwell time.
+            half: half the worst rotation of the unassisted stops [deg].
         """
         tried = [t for t in trials if (t.lag, t.setting.dwell_time) == (lag, dwell_time)]
         rotation = min(trial.worst_rotation for trial in tried)

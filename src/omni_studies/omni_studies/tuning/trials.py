@@ -136,7 +136,7 @@ def situations(
 
 
 def _with_grip(part: Part, grip: float) -> Part:
-    """Return a copy of a ground or patch with the friction times ``1 + grip``, at most 2."""
+    """Return a copy of a ground or patch whose friction is multiplied by ``1 + grip``, up to 2."""
     return dataclasses.replace(part, friction=min(part.friction * (1.0 + grip), 2.0))
 
 

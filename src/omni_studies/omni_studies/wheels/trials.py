@@ -117,7 +117,7 @@ def start(
 
 
 def advance(vehicle: Vehicle, trial: Trial, duration: float) -> FloatArray:
-    """Advance a vehicle through a trial for a time [s]; return its trajectory."""
+    """Advance a vehicle by a duration [s] with the inputs of a trial; return its trajectory."""
     enable = np.zeros if trial.released else np.ones
     steps, shares = round(duration / vehicle.physics_step), enable(len(vehicle.wheel_names))
     return vehicle.advance(steps, trial.pedal, shares, trial.command)

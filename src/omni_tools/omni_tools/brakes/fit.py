@@ -172,7 +172,7 @@ def mean_shares(stop: StopEquations, dead_time: float, time_constant: float) -> 
     begins, changes = stop.data.command_time[1:][news] + dead_time, changes[news]
 
     def risen(time: FloatArray) -> FloatArray:
-        """Return the time integral of the pressure changes since the first command [s], (K, N)."""
+        """Return the integrals of the pressure changes up to K times [s], shape (K, N)."""
         since = np.maximum(time[:, np.newaxis] - begins, 0.0)
         return np.asarray((since + tau * np.expm1(-since / tau)) @ changes)
 

@@ -55,12 +55,12 @@ class Plan(NamedTuple):
 
 
 class _Tire(NamedTuple):
-    """Tire force at the load N: ``F = P(N) sin(C atan(B x - E (B x - atan B x)))``.
+    """Tire force at the load L: ``F = P(L) sin(C atan(B x - E (B x - atan B x)))``.
 
     Here ``P`` is the peak force, and ``x`` is the slip divided by the slip at the peak.
 
     Attributes:
-        peak: coefficients of ``P(N)`` [N], a polynomial of the load [N], highest power first, shape
+        peak: coefficients of ``P(L)`` [N], a polynomial of the load [N], highest power first, shape
             (3,).
         peak_slip: coefficients of the slip at the peak [1], a polynomial of the load [N], highest
             power first, shape (2,).
@@ -213,7 +213,7 @@ class OptimalStop:
         return np.array((x + a_x, y + a_y, yaw, v_x - rate * c_y, v_y + rate * c_x, rate))
 
     def _fit(self) -> _Tire:
-        """Fit slope, peak and sliding force of the vehicle's tire over its loads."""
+        """Return a smooth tire with slope, peaks and sliding force of the vehicle's tire."""
         tire = self._vehicle.tire
         loads = np.linspace(0.05, 1.0, 20) * tire.largest_load
         curves = [curve_at(tire.kernel_parameters, float(load), 1.0) for load in loads]
@@ -243,7 +243,8 @@ class OptimalStop:
         """Return CasADi's function for the equations of motion.
 
         Its arguments are the state (`Plan.state`), the brake torques [N m] and the wheel loads [N].
-        It returns the rates of the state, and the loads minus those that balance the motion [N].
+        It returns the time derivative of the state, and the difference between the given loads and
+        the loads that balance the motion [N].
         """
         ca, masses = self._casadi, self._masses
         active, arm = self._geometry.active, self._geometry.position - self._masses.center

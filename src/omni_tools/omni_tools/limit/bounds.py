@@ -161,7 +161,7 @@ def any_heading_bound(
 
 
 def _left_out(vehicle: VehicleConfiguration, ground: GroundConfiguration) -> str:
-    """Return the reason why no bound can be computed; an empty text if one can be."""
+    """Return the reason why no bound can be computed; empty if a bound can be computed."""
     if len(ground.elevation.table()):
         return _SLOPE
     return _SPRUNG if vehicle.suspension.stiffness > 0.0 else ""
@@ -245,7 +245,7 @@ class _Cases:
         return distance
 
     def _torque(self, time: float) -> float:
-        """Return the maximum torque of a brake [N m] at a time after the pedal moves [s]."""
+        """Return the maximum torque of a brake [N m], `time` [s] after the pedal begins to move."""
         brake, ramp = self._brake, self._maneuver.ramp_time
         on = time - brake.dead_time
         if on <= 0.0:

@@ -223,9 +223,9 @@ class LimitVehicle:
         return float(-along @ force / self.masses.mass / excess)
 
     def _kinds(self, friction: FloatArray) -> list[tuple[int, int | None]]:
-        """Return the models of the loads to solve, each with the index of a wheel that lifts off.
+        """Return the load models for which the program is solved.
 
-        The index is None if no wheel lifts off.
+        Each comes with the index of a wheel that lifts off; None if no wheel lifts off.
         """
         reach = self.masses.height / loads.GRAVITY * self.any_load_bound(friction)
         sides = cross(self._edge, -self._hull) / np.linalg.norm(self._edge, axis=1)

@@ -123,7 +123,8 @@ class DesignTask:
         redundant: whether to minimize the error after the failure of the most important camera.
         given: further placements to evaluate, keyed by name.
         seed: seed of the search and the trials.
-        batches: number of line batches for each direction or motion in each orientation.
+        batches: number of line batches in each trial: one orientation with one direction of motion
+            or one motion of the mix.
     """
 
     area: mounting_area.MountingArea

@@ -160,7 +160,7 @@ def search(
 
 
 def _layouts(count: int) -> list[tuple[str, tuple[_Unit, ...]]]:
-    """Return the arrangements of `count` cameras to search, each with its symmetry in words."""
+    """Return the arrangements of `count` cameras to search, each after a text on its symmetry."""
     layouts: list[tuple[str, tuple[_Unit, ...]]] = [("", (_Unit(),) * count)]
     for words, image, free in (
         ("symmetric left to right", _LEFT_RIGHT, (True, False, False)),

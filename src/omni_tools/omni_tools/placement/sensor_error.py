@@ -89,7 +89,7 @@ class SensorTrial(NamedTuple):
 
     @property
     def misfit(self) -> float:
-        """Typical relative difference between fitted and measured RMS errors [1]."""
+        """Relative difference between fitted and measured errors, RMS over all motions [1]."""
         return math.expm1(float(np.sqrt(np.mean(np.log(self.fitted / self.rms) ** 2))))
 
 
@@ -161,7 +161,7 @@ def _odometry(view: View) -> SensorOdometry:
 
 
 def _most_frequent(reasons: list[str]) -> str:
-    """Return one of the most frequent reasons; texts that agree before the colon are one reason."""
+    """Return one of the most frequent reasons; texts that agree up to the colon count as equal."""
     kind = statistics.mode(reason.partition(":")[0] for reason in reasons)
     return next(reason for reason in reasons if reason.partition(":")[0] == kind)
 

@@ -118,7 +118,7 @@ def _columns(values: ArrayLike, stride: int) -> list[str]:
 
 
 def _states(history: RunHistory, stride: int) -> list[tuple[int, str]]:
-    """Return the row of the report and the new state for each change of the assistant's state."""
+    """Return the changes of the assistant's state: row of the report, and new state."""
     changes, row = [], 0
     for state, span in itertools.groupby(history.assist_state[::stride]):
         changes.append((row, state.replace("_", " ")))
@@ -174,9 +174,9 @@ def _metrics(runs: Sequence[recording.ReportedRun]) -> list[dict[str, Any]]:
 
 
 def _configuration(runs: Sequence[recording.ReportedRun]) -> list[dict[str, Any]]:
-    """Return a row for each key of a configuration, with its value in each run.
+    """Return a table of configuration values: a row for each key, with one value for each run.
 
-    The value is None if the configuration of a run does not contain the key.
+    The value is None if the configuration of the run does not contain the key.
     """
     keys = dict.fromkeys(key for run in runs for key in run.values)
     return [{"key": key, "values": [run.values.get(key) for run in runs]} for key in keys]

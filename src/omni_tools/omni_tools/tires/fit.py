@@ -82,7 +82,9 @@ def fit_tire(data: TireData, model: str) -> TireFit:
 
 
 def _require_excitation(data: TireData, model: str, recipe: FitRecipe, spread: float = 0.2) -> None:
-    """Check that the data are in range, and that their number and their loads suffice for a fit.
+    """Check that the data are within their ranges and suffice for a fit.
+
+    There must be enough rows, and loads that differ enough if the model depends on the load.
 
     Args:
         data: measured forces.
@@ -149,10 +151,14 @@ def _search(data: TireData, recipe: FitRecipe, largest_load: float) -> Any:
 
 
 def _landmarks(data: TireData, largest_load: float) -> Landmarks:
-    """Return slope and peak of the force at half the largest load and at the largest load [N].
+    """Return slope and peak of the force curves at two loads: the largest load, and half of it.
 
-    The data are divided into a half with smaller and a half with larger loads. Slope and peak of
-    each half are interpolated or extrapolated to the two loads.
+    Slope and peak are estimated from the data with smaller loads and from the data with larger
+    loads. They are then interpolated or extrapolated to the two loads.
+
+    Args:
+        data: measured forces.
+        largest_load: largest load in the data [N].
     """
     middle = 0.5 * (float(np.min(data.load)) + float(np.max(data.load)))
     heavy = data.load >= middle
