@@ -1,4 +1,4 @@
-"""Batches of camera lines along a trajectory, which are rendered in a background thread.
+"""Batches of camera lines along a trajectory, rendered in a background thread.
 
 Line j is exposed at the time j / rate. Times are compared with control stamps [ns] as integers, so
 no line is lost or duplicated at the boundary between two control periods. The poses are
@@ -121,11 +121,11 @@ class LineClock:
         self.period_ns = Fraction(SECOND_NS) / Fraction(line_rate)
 
     def lines_in(self, after_ns: int, until_ns: int) -> tuple[int, int]:
-        """Return the first line with ``after < time <= until``, and the first line after them.
+        """Return the index of the first line in an interval, and the index after the last line.
 
         Args:
-            after_ns: open end of the interval [ns]; -1 includes line 0.
-            until_ns: closed end of the interval [ns].
+            after_ns: start of the interval, not included [ns]; -1 includes line 0.
+            until_ns: end of the interval, included [ns].
         """
         return self._count_until(after_ns), self._count_until(until_ns)
 
@@ -146,7 +146,7 @@ class LineClock:
 
 
 _Exposure = tuple[int, FloatArray, FloatArray | None]
-"""Stamp of the newest line [ns], then poses and velocities as in `LineCamera.lines`."""
+"""Exposed lines: stamp of the newest line [ns], poses and velocities as in `LineCamera.lines`."""
 
 
 class LineExposures:
@@ -174,7 +174,7 @@ class LineExposures:
     def complete(self) -> None:
         """Render all lines of the previous call of `expose` that have not been rendered yet.
 
-        The noise of a line depends on the number of lines that were rendered before it.
+        The noise of a line depends on the number of earlier lines, so no line may be skipped.
         """
         for name in self._batches:
             self._batches[name]
@@ -182,12 +182,13 @@ class LineExposures:
     def expose(self, trajectory: FloatArray, start_ns: int, end_ns: int) -> Mapping[str, LineBatch]:
         """Return the lines that each camera exposes after a start time until an end time.
 
-        Call `complete` before. The lines are rendered in the background or when they are read.
+        Call `complete` first. The lines are rendered in the background or when they are read.
 
         Args:
             trajectory: trajectory from `Vehicle.advance`, shape (n + 1, 6).
-            start_ns: time of its first row [ns]; -1 to include the line at time 0.
-            end_ns: time of its last row [ns].
+            start_ns: start time, that of the trajectory's first row [ns]; -1 to include the
+                line at time 0.
+            end_ns: end time, that of the trajectory's last row [ns].
         """
         taken: dict[float, _Exposure] = {}
         for rate, clock in self._clocks.items():
@@ -207,9 +208,9 @@ class LineExposures:
 class _Batches(Mapping[str, LineBatch]):
     """Lines of each camera in one control period, keyed by the name of the camera.
 
-    The lines of a camera are rendered in the background, or when they are read if this is earlier.
-    The odometry can therefore process the lines of one camera while the lines of the next camera
-    are rendered.
+    The lines of a camera are rendered in the background. Reading lines that the background thread
+    has not begun to render renders them at once. The odometry can therefore process the lines of
+    one camera while the lines of the next camera are rendered.
     """
 
     def __init__(self, exposures: Mapping[str, _Exposure], cameras: LineCameraArray) -> None:

@@ -71,7 +71,7 @@ class LineCamera:
 
     @property
     def texels(self) -> int:
-        """Number of texels per period of the texture that this camera uses."""
+        """Number of texels per period in the texture that this camera uses."""
         return self._texture.texels
 
     def footprints(self, poses: FloatArray) -> FloatArray:

@@ -15,8 +15,8 @@ class CameraConfiguration(Configuration):
     noise: float = parameter(1.0, minimum=0.0, maximum=100.0)
     """Standard deviation of white noise, in gray levels of an 8-bit scale"""
     signal_to_noise_db: float = parameter(0.0, unit="dB", minimum=0.0, maximum=200.0)
-    """Ratio of full scale to the standard deviation of white noise, which replaces the parameter
-    noise; 0 to use the parameter noise"""
+    """Ratio of full scale to the standard deviation of white noise. A value above 0 replaces the
+    parameter noise; 0 to use the parameter noise"""
     bit_depth: int = parameter(8, unit="bit", minimum=8, maximum=16)
     """Bits per pixel, 8 or 16"""
     gain: float = parameter(1.0, above=0.0, maximum=FULL_SCALE)
@@ -30,8 +30,8 @@ class CameraConfiguration(Configuration):
     """Type of the lens: the magnification of a telecentric lens is the same at every height, and
     that of an ordinary lens depends on the height"""
     working_distance: float = parameter(0.1, unit="m", above=0.0, maximum=10.0)
-    """Distance of an ordinary lens from the ground at which the field of view has its configured
-    size"""
+    """Distance between an ordinary lens and the ground at which the field of view has the
+    configured size"""
     height_error: float = parameter(0.0, unit="m", minimum=-10.0, maximum=10.0)
     """Difference between mounting height and working distance"""
     shading: float = parameter(0.0, minimum=0.0, maximum=1.0)
@@ -48,14 +48,14 @@ class CameraConfiguration(Configuration):
     dark_signal: float = parameter(0.0, minimum=0.0, maximum=100.0)
     """Standard deviation of the pixel offsets (DSNU), in gray levels of an 8-bit scale"""
     dark_steps: float = parameter(0.0, minimum=0.0, maximum=100.0)
-    """Difference between the offsets of neighboring eighths of a line, which are read out by
-    different amplifiers, in gray levels of an 8-bit scale"""
+    """Difference between the offsets of neighboring eighths of a line, in gray levels of an 8-bit
+    scale; each eighth is read out by an amplifier of its own"""
     stuck_pixels: int = parameter(0, minimum=0, maximum=1000)
     """Number of pixels that are always black or always white"""
     hot_pixels: int = parameter(0, minimum=0, maximum=1000)
     """Number of pixels with a dark signal of 20 to 120 gray levels"""
     mud: float = parameter(0.0, minimum=0.0, maximum=0.9)
-    """Share of the line that mud on the optics hides, at the end of the line"""
+    """Share of a line, at the end with the highest pixel numbers, that mud on the optics hides"""
     shadow: float = parameter(0.0, minimum=0.0, maximum=1.0)
     """Share of the light that is lost in a shadow that does not move with the ground"""
     shadow_speed: float = parameter(0.0, unit="m/s", minimum=0.0, maximum=100.0)

@@ -56,13 +56,13 @@ def expose(
 
 @functools.lru_cache(maxsize=16)
 def _quantiles(deviation: float) -> NDArray[np.float32]:
-    """Return a table of equally probable values, whose variance is half that of the noise.
+    """Return a table of values, whose variance is half that of the noise.
 
     Args:
         deviation: standard deviation of the noise [gray levels of the output].
 
     Returns:
-        Quantiles of a normal distribution [gray levels of the output], shape (4096,).
+        Equidistant quantiles of a normal distribution [gray levels of the output], shape (4096,).
     """
     count = 1 << _TABLE_BITS
     normal = statistics.NormalDist()
@@ -81,7 +81,7 @@ def _expose(
     first_line: np.uint64,
     lines: Lines,
 ) -> None:
-    """Write the exposed lines to `lines`; `response` is gain, offset, white level, shape (3,)."""
+    """Write the exposed lines to `lines`; `response` holds gain, offset and white level."""
     gain, offset, white = response[0], response[1], response[2]
     pixels = grays.shape[1]
     mask = np.uint64((1 << _TABLE_BITS) - 1)

@@ -47,7 +47,7 @@ def check_exposure(sensors: Mapping[str, LineSensor], configuration: CameraConfi
 def transmission(
     sensor: LineSensor, configuration: CameraConfiguration, key: np.uint64
 ) -> NDArray[np.float32] | None:
-    """Return the share of the light that reaches each pixel, shape (pixels,); None without a loss.
+    """Return the factor by which optics and pixel gain scale the light on each pixel.
 
     The loss due to shading is proportional to the squared distance from the middle. Specks of dirt
     are out of focus. Their shadows have the profile ``(1 - r^2)^2``, where ``r`` is the distance
@@ -57,6 +57,9 @@ def transmission(
         sensor: the camera.
         configuration: optics of the camera.
         key: seed of the positions and sizes of the specks, and of the gains of the pixels.
+
+    Returns:
+        Factors [1], shape (pixels,); None if there is no loss and all gains are equal.
     """
     unlike = configuration.photo_response > 0.0
     if configuration.shading == 0.0 and configuration.dirt_spots == 0 and not unlike:
@@ -76,13 +79,13 @@ def transmission(
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class PixelFaults:
-    """Signal of each pixel that does not come from the ground, and loss of light from the ground.
+    """Deviations of each pixel: a signal that does not come from the ground, and a loss of light.
 
     Attributes:
-        offset: dark signal, and light from mud on the optics [gray levels of an 8-bit scale], shape
+        offset: dark signal plus light from mud on the optics [gray levels of an 8-bit scale], shape
             (pixels,).
-        sight: share of the ground's light that reaches each pixel [1], 0 behind mud or at a defect,
-            shape (pixels,).
+        sight: share of the ground's light that reaches each pixel [1], shape (pixels,); 0 behind
+            mud and at a defective pixel.
     """
 
     offset: NDArray[np.float32]
@@ -125,7 +128,7 @@ def shade(
     first_line: int,
     penumbra: float = 0.002,
 ) -> NDArray[np.float32]:
-    """Return lines that are darkened by a shadow whose soft edge is fixed or oscillates.
+    """Return lines with a shadow, whose soft edge is fixed or moves back and forth along the line.
 
     Args:
         grays: gray levels of the ground, shape (m, pixels).

@@ -1,13 +1,13 @@
 """Motion of the sensors' fields of view on a sprung chassis.
 
-A chassis whose height has the gradients p forward and r to the left tilts about its center of
-gravity at the height h. A line of sight perpendicular to the chassis then meets the ground at a
-point that is shifted by
+A sprung chassis tilts about its center of gravity, which is at the height h. Let p be the gradient
+of the chassis forward, and r its gradient to the left. A line of sight perpendicular to the chassis
+then meets the ground at a point that is shifted by
 
     h (p, r)
 
-forward and to the left compared with rest, independent of the mounting position. All fields of view
-therefore move over the ground with the velocity h (p', r'), the time derivative of this shift. A
+forward and to the left. This shift does not depend on the mounting position. All fields of view
+therefore move over the ground with the velocity h (p', r'), the time derivative of the shift. A
 ground sensor cannot distinguish this velocity from a motion of the vehicle. Between two control
 stamps, p and r are cubics with the given values and derivatives at both stamps. Heave changes only
 the magnification. The slant of the view and the cosine of the tilt are second-order effects and are

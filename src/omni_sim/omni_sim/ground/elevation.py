@@ -1,15 +1,17 @@
 """Height of the ground in the world: the sum of a slope, waves and bumps.
 
-Each part is an analytic function ``z(x, y)``. It is smooth enough for the local road plane of
-`vehicle.uneven_ground`; even at the rim of a bump, the curvature is continuous:
+Each part is an analytic function ``z(x, y)``:
 
-    slope   z = g (x cos a + y sin a), uphill toward a
+    slope   z = g (x cos a + y sin a)
     wave    z = A sin(2 pi (x cos a + y sin a) / L + p)
-    bump    z = h (1 - r^2 / R^2)^3 within the radius R, else 0; a hollow with h < 0
+    bump    z = h (1 - r^2 / R^2)^3 within the radius R, else 0
 
-with the grade ``g`` and its uphill direction ``a``, the amplitude ``A``, length ``L``, phase ``p``
-and direction ``a`` of a wave, perpendicular to its crests, and the height ``h`` of a bump with the
-distance ``r`` from its center. Without any part the ground is flat, and no height is computed.
+A slope has the grade ``g`` and rises in the direction ``a``. A wave has the amplitude ``A``, the
+length ``L`` and the phase ``p``; its crests are perpendicular to the direction ``a``. A bump has
+the height ``h``, and ``r`` is the distance from its center; a bump with ``h < 0`` is a hollow.
+
+The curvature is continuous, even at the rim of a bump. The ground is therefore smooth enough for
+the local road plane of `vehicle.uneven_ground`. Without any part the ground is flat.
 """
 
 import math
@@ -23,8 +25,8 @@ from omni_platform.kernels import lean
 from omni_platform.quantities import FloatArray
 
 STEEPEST = 0.5
-"""Limit on the slope of the ground [1]; on steeper ground, the model would be inaccurate, because
-it neglects that the horizontal projection of a tilted vehicle is shorter."""
+"""Limit on the slope of the ground [1]. On steeper ground the model would be inaccurate, because it
+neglects that the horizontal projection of a tilted vehicle is shorter than the vehicle."""
 
 _SLOPE, _WAVE, _BUMP = 0.0, 1.0, 2.0
 _STEEPEST_OF_BUMP = 6.0 * 16.0 / 25.0 / math.sqrt(5.0)  # largest slope of a bump, times R / h
@@ -35,7 +37,8 @@ class Terrain(NamedTuple):
 
     Attributes:
         parts: parts from `ElevationConfiguration.table`, shape (K, 5); flat if K = 0.
-        sampling: distance from the wheel of the four points that span a road plane, Eq. (5) [m].
+        sampling: distance between a wheel and each of the four points that define its road plane,
+            Eq. (5) [m].
     """
 
     parts: FloatArray
@@ -80,7 +83,7 @@ class ElevationConfiguration(Configuration):
     bumps: Mapping[str, BumpConfiguration] = section(dict)
     """Bumps and hollows, keyed by name"""
     sampling_distance: float = parameter(0.05, unit="m", minimum=1.0e-3, maximum=1.0)
-    """Distance from the wheel of the four points that span the wheel's road plane, Eq. (5)"""
+    """Distance between a wheel and each of the four points that define its road plane, Eq. (5)"""
 
     def check_consistency(self) -> None:
         """Check that the ground is not steeper than the model permits.
@@ -111,9 +114,10 @@ class ElevationConfiguration(Configuration):
         """Return the parts of the elevation as a table for the kernels.
 
         Returns:
-            Rows ``(kind, a, b, c, d)`` of slope (grade along x, along y [1], 0, 0), wave
-            (wave numbers along x and y [rad/m], phase [rad], amplitude [m]) and bump (center x,
-            y [m], radius, height [m]), shape (K, 5).
+            One row ``(kind, a, b, c, d)`` per part, shape (K, 5). For a slope, ``a, b`` are the
+            grades along x and y [1], and ``c, d`` are 0. For a wave, ``a, b`` are the wave
+            numbers along x and y [rad/m], ``c`` the phase [rad] and ``d`` the amplitude [m]. For
+            a bump, ``a, b`` are x and y of the center, ``c`` the radius and ``d`` the height [m].
         """
         rows: list[tuple[float, ...]] = []
         if self.grade > 0.0:

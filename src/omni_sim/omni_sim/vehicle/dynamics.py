@@ -1,17 +1,20 @@
 """Planar motion of a vehicle on omni-wheels: a compiled kernel that advances many steps.
 
-`move` advances the body in the plane, and the rest of the module computes the forces. Eqs. (39),
-(40) of the dissertation are formulated for the center of gravity ``r_g``, ``m v_dot = sum f_i`` and
-``J Omega_dot = sum cross(r_i - r_g, f_i)``, with the forces ``f_i`` of the wheels (`drivetrain`) at
-the positions ``r_i``. Quantities are evaluated at the middle of the step, but velocities are
-implicit: the force of each wheel is computed for the velocity that its hub will have at the end of
-the step. This velocity is predicted from all forces of the previous step and corrected by ``W (F -
-F_before)``. Here, ``F`` and ``F_before`` are the forces of the wheel in this step and in the
-previous step, and ``W`` is the sum of the absolute mobilities that couple the wheel to all wheels.
-A single pass over the wheels is therefore stable for any tire stiffness, without iteration. The
-coupling between wheels lags by one step. This second-order error is visible in tests of the energy
-balance only with very stiff tires. On uneven ground the motion is in the path plane of
-`uneven_ground`, and gravity is an additional force.
+`move` advances the body in the plane, and the rest of the module computes the forces. The equations
+of motion are Eqs. (39), (40) of the dissertation for the center of gravity ``r_g``:
+
+    m v_dot = sum f_i,    J Omega_dot = sum cross(r_i - r_g, f_i)
+
+``f_i`` are the forces of the wheels (`drivetrain`) at the positions ``r_i``. On uneven ground the
+motion is in the path plane of `uneven_ground`, and gravity is an additional force.
+
+Quantities are evaluated at the middle of the step, but velocities are implicit: the force of each
+wheel is computed for the velocity that its hub will have at the end of the step. This velocity is
+predicted from all forces of the previous step and corrected by ``W (F - F_before)``. Here, ``F``
+and ``F_before`` are the forces of the wheel in this step and in the previous step, and ``W`` is the
+sum of the absolute mobilities that couple the wheel to all wheels. A single pass over the wheels is
+therefore stable for any tire stiffness, without iteration. The coupling between wheels lags by one
+step. In tests of the energy balance, this second-order error is visible only with very stiff tires.
 
 Kernels with one caller are inlined, because passing their many arguments would take much of the
 computing time. Kernels with several callers are not inlined, so that the compilation takes less
@@ -139,12 +142,12 @@ def advance(
 
 @lean_inline
 def _carry(state: layout.State, body: layout.Record, pressing: float, pull: Pair) -> bool:
-    """Distribute the weight over the wheels; return whether fewer than three wheels carry load.
+    """Write the wheel loads to `state`; return whether fewer than three wheels carry load.
 
     Args:
-        state: state of the vehicle, including the loads, which are written.
+        state: state of the vehicle.
         body: `state.BODY`.
-        pressing: normal force on the ground per mass [m/s^2].
+        pressing: normal force of the vehicle on the ground, divided by its mass [m/s^2].
         pull: force of the wheels in the body frame [N].
     """
     plant = state.plant
@@ -232,14 +235,12 @@ def _wheel_energies(state: layout.State, rollers: layout.Rollers | None) -> Pair
 
 @lean
 def standing(state: layout.State, ahead: float) -> tuple[float, float, float, float, float, float]:
-    """Return the vehicle's attitude on the ground at the position that it reaches after a time.
+    """Return the result of `stand` for the position that the vehicle reaches after a time.
 
     Args:
-        state: state of the vehicle, whose velocity is assumed to stay constant.
+        state: state of the vehicle, whose velocity is assumed to stay constant; the heights of the
+            ground in `state.suspension` are written.
         ahead: time until the vehicle reaches the position [s].
-
-    Returns:
-        Result of `stand`.
     """
     body, plant = state.body[0], state.plant
     v_x, v_y = level(body.tilt_x, body.tilt_y, body.v_x, body.v_y)
@@ -254,8 +255,8 @@ def _follow_ground(state: layout.State, body: layout.Record) -> tuple[float, Pai
     """Rotate yaw and velocity into the path plane at the middle of the step.
 
     Returns:
-        Load per mass on the ground [m/s^2], negative if the vehicle would take off; force of
-        gravity in this plane [N] and its moment about the normal [N m].
+        Normal force on the ground divided by the mass [m/s^2], negative if the vehicle would take
+        off; force of gravity in the path plane [N]; moment of gravity about its normal [N m].
     """
     plant = state.plant
     old_x, old_y = body.tilt_x, body.tilt_y
@@ -277,9 +278,9 @@ def _follow_ground(state: layout.State, body: layout.Record) -> tuple[float, Pai
 
 @lean_inline
 def _resultant(state: layout.State, rollers: layout.Rollers | None) -> Triple:
-    """Return the total force of the wheels along x and y of the body frame [N] and its moment.
+    """Return the total force and moment of the wheels.
 
-    The moment is about the center of gravity [N m].
+    The force is along x and y of the body frame [N], the moment about the center of gravity [N m].
     """
     wheels, losses = state.wheels, state.losses
     pull_x, pull_y, turn = 0.0, 0.0, 0.0
@@ -301,7 +302,7 @@ def _resultant(state: layout.State, rollers: layout.Rollers | None) -> Triple:
 
 @lean
 def _resist(state: layout.State, body: layout.Record, step: Step, loads: FloatArray) -> None:
-    """Compute the passive losses of all wheels for a step; arguments as in `_step_wheels`."""
+    """Write the passive losses of all wheels in a step; `loads` are the wheel loads [N]."""
     plant, losses = state.plant, state.losses
     dt = plant.dt
     cos, sin = step.heading

@@ -47,10 +47,10 @@ def stand_on_edge(
 def _spring_energy(
     position: FloatArray, z_x: float, z_y: float, a: float, b: float, c: float
 ) -> float:
-    """Return the potential energy of wheels on springs of stiffness 1; it is smallest in balance.
+    """Return half the sum of the squared loads, minus the work of a unit weight.
 
-    The energy is half the sum of the squared loads, minus the work of a unit weight at the
-    zero-moment point.
+    This is the potential energy of wheels on springs of stiffness 1, if the weight acts at the
+    zero-moment point. It is smallest in balance.
     """
     energy = -(a + b * z_x + c * z_y)
     for i in range(position.shape[0]):
@@ -62,7 +62,7 @@ def _spring_energy(
 
 @lean
 def _contact_set(position: FloatArray, a: float, b: float, c: float) -> int:
-    """Return the wheels with a positive load in a load plane, as a mask (bit i for wheel i)."""
+    """Return a mask of the wheels with a positive load in a load plane (bit i for wheel i)."""
     contact = 0
     for i in range(position.shape[0]):
         if a + b * position[i, 0] + c * position[i, 1] > 0.0:
@@ -74,13 +74,13 @@ def _contact_set(position: FloatArray, a: float, b: float, c: float) -> int:
 def _newton_step(
     position: FloatArray, contact: int, z_x: float, z_y: float, a: float, b: float, c: float
 ) -> tuple[float, float, float, float, bool]:
-    """Return the change of the load plane that balances the wheels in contact.
+    """Return the change of the load plane after which the wheels in `contact` balance the weight.
 
-    The argument `contact` is the mask of these wheels from `_contact_set`.
+    `contact` is a mask from `_contact_set`.
 
     Returns:
-        Changes of a, b, c; derivative of the energy along this change; whether the contact points
-        span a plane, so that the change gives the exact balance.
+        Changes of a, b, c; derivative of `_spring_energy` along this change; whether the balance is
+        exact, which requires three contact points that are not on a line.
     """
     s, s_x, s_y, s_xx, s_xy, s_yy, size = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for i in range(position.shape[0]):
@@ -120,12 +120,12 @@ def _newton_step(
 def stand_on_some(
     position: FloatArray, weight: float, z_x: float, z_y: float, loads: FloatArray
 ) -> int:
-    """Write the loads if some wheels lift off; return the number of loaded wheels (0 if it fails).
+    """Write the loads if some wheels lift off, and return the number of wheels that carry load.
 
-    In balance, the energy of the springs minus the work of the weight is smallest. This difference
-    is a convex function of the coefficients of the load plane, so Newton's method with a line
-    search finds the minimum from any initial value. The method ends when the wheels with a positive
-    load are those for which the plane was computed.
+    If no balance is found, 0 is returned and nothing is written. In balance, `_spring_energy` is
+    smallest. It is a convex function of the coefficients of the load plane, so Newton's method with
+    a line search finds the minimum from any initial value. The method ends when the wheels with a
+    positive load are those for which the plane was computed.
     """
     n = position.shape[0]
     a, b, c = 1.0 / n, 0.0, 0.0

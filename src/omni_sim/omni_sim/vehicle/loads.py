@@ -104,16 +104,16 @@ def support_polygon(position: FloatArray) -> IntArray:
 
 
 def load_plane(position: FloatArray) -> FloatArray:
-    """Return the rows ``P_i`` with ``F_i = m g P_i . (1, z_x, z_y)`` while no wheel lifts off.
+    """Return the matrix that gives the wheel loads for a zero-moment point.
 
-    ``F_i`` is the load of wheel i, and ``(z_x, z_y)`` the zero-moment point relative to the center
-    of gravity.
+    While no wheel lifts off, the load of wheel i is ``F_i = m g P_i . (1, z_x, z_y)``. ``P_i`` is
+    row i of the matrix, and ``(z_x, z_y)`` the zero-moment point relative to the center of gravity.
 
     Args:
         position: wheel contacts relative to the center of gravity [m], shape (N, 2).
 
     Returns:
-        Rows ``P_i``, shape (N, 3): [1], [1/m], [1/m].
+        Matrix with the rows ``P_i``, shape (N, 3): [1], [1/m], [1/m].
     """
     basis = np.column_stack((np.ones(len(position)), position))
     rows = np.linalg.solve(basis.T @ basis, basis.T).T
@@ -130,20 +130,19 @@ def wheel_loads(
     z_y: float,
     loads: FloatArray,
 ) -> bool:
-    """Write the wheel loads for a zero-moment point; see the module for the cases.
+    """Write the wheel loads for a zero-moment point, even if wheels lift off.
 
     Args:
         position: wheel contacts relative to the center of gravity [m], shape (N, 2).
-        plane: rows from `load_plane`.
+        plane: matrix from `load_plane`.
         hull: indices from `support_polygon`.
         weight: m g [N].
-        z_x: x of the zero-moment point relative to the center of gravity, ``-h a_x / g`` with the
-            acceleration ``a_x`` along x [m].
-        z_y: y of the zero-moment point, ``-h a_y / g`` [m].
+        z_x: x of the zero-moment point relative to the center of gravity [m].
+        z_y: y of the zero-moment point relative to the center of gravity [m].
         loads: output, the wheel loads [N], shape (N,).
 
     Returns:
-        Whether the vehicle would tip over, because fewer than three wheels carry load.
+        Whether fewer than three wheels carry load, so that the vehicle would tip over.
     """
     n = position.shape[0]
     lifted = False

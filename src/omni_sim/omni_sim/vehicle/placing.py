@@ -61,7 +61,7 @@ def rolling_radius(state: State) -> FloatArray:
 
 
 def along_active(state: State, twist: FloatArray) -> FloatArray:
-    """Return the velocities of the contacts along ``n_w`` [m/s], shape (N,).
+    """Return the velocities of the contacts along their active directions [m/s], shape (N,).
 
     Args:
         state: state of the vehicle.
@@ -74,7 +74,7 @@ def along_active(state: State, twist: FloatArray) -> FloatArray:
 
 
 def _rolling_speed(state: State, velocity: FloatArray, yaw_rate: float) -> FloatArray:
-    """Move the contacts to the rollers at the wheel angles; return speeds without slip, Eq. (16).
+    """Move the contacts to the rollers on the ground; return the wheel speeds without slip.
 
     Args:
         state: state of the vehicle, changed in place.
@@ -82,7 +82,7 @@ def _rolling_speed(state: State, velocity: FloatArray, yaw_rate: float) -> Float
         yaw_rate: yaw rate [rad/s].
 
     Returns:
-        Wheel speeds [rad/s], shape (N,).
+        Wheel speeds, Eq. (16) [rad/s], shape (N,).
     """
     state.wheels["speed"] = 0.0
     roller_dynamics.displace_contacts(state.plant, state.wheels, state.contacts)
@@ -118,8 +118,8 @@ def _place_rollers(state: State) -> None:
 def _lean_on_ground(state: State, x: float, y: float) -> None:
     """Write tilt and center of gravity of a vehicle whose base_link is at x, y [m] on the ground.
 
-    The tilt depends on the positions of the wheels, which in turn depend on the tilt, so both are
-    computed by iteration.
+    The positions of the wheels depend on the tilt, and the tilt depends on these positions. Both
+    are therefore computed by iteration.
     """
     body = state.body[0]
     g_x, g_y = body["x"] - x, body["y"] - y

@@ -3,8 +3,8 @@
 Wheels and contacts are modeled in `wheel.roller`. Forces act at the displaced contact points, Eqs.
 (10), (11), so their levers about the center of gravity vary with the wheel angles. The loads are
 computed as if the contacts were under the wheel centers. While two rollers of a wheel touch the
-ground, the equations of the wheel and the lower roller are solved together, with the force that the
-other roller had in the last step.
+ground, the equations of the wheel and the lower roller are solved together. For the other roller,
+they contain its force in the last step.
 """
 
 import math
@@ -32,7 +32,7 @@ class _Touch(NamedTuple):
     Attributes:
         wheel: index of the wheel.
         roller: index of the roller on the wheel.
-        gamma: angle from the roller's lowest position [rad].
+        gamma: wheel angle from the lowest position of the roller [rad].
         load: load of the roller [N].
         wheel_load: load of the wheel [N].
         turning: wheel speed at the start of the step [rad/s].
@@ -131,7 +131,7 @@ def _step_contact(
 
 @lean_inline
 def _slowed(rollers: Rollers, roller: Record, load: float, turn: float) -> float:
-    """Return the spin of a roller after a step of its dry friction, which may hold the roller.
+    """Return the spin of a roller after the dry friction of a step, which may stop it [rad/s].
 
     Args:
         rollers: constants of the friction.
@@ -147,7 +147,7 @@ def _slowed(rollers: Rollers, roller: Record, load: float, turn: float) -> float
 
 @lean
 def _store(roller: Record, load: float, lever: Pair, after: RollerStep) -> None:
-    """Store load [N] and state of a roller after a step; for `lever`, see `RollerHub`."""
+    """Store the load [N] and the state of a roller after a step; `lever` is `RollerHub.lever`."""
     roller.spin = after.spin
     roller.e_a, roller.e_p = after.deflection
     roller.f_a, roller.f_p = after.force
@@ -159,7 +159,7 @@ def _store(roller: Record, load: float, lever: Pair, after: RollerStep) -> None:
 
 @lean
 def _lift(rollers: Structured, first: int, second: int) -> None:
-    """Set deflection and force of all rollers above the ground to zero; they keep their spin.
+    """Set deflection and force of the rollers that have left the ground to zero.
 
     Args:
         rollers: `state.ROLLER` of one wheel, shape (n,).

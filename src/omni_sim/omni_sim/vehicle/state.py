@@ -21,55 +21,92 @@ Record = Any
 
 
 def _floats(*names: str, flag: str = "") -> np.dtype[np.void]:
-    """Return a record type of doubles; if `flag` is given, a bool of this name is appended."""
+    """Return a record type with the given doubles, followed by the bool `flag` if it is named."""
     flags = [(flag, np.bool_)] if flag else []
     return np.dtype([*((name, np.float64) for name in names), *flags], align=True)
 
 
 BODY = _floats("x", "y", "yaw", "v_x", "v_y", "yaw_rate", "a_x", "a_y", "tilt_x", "tilt_y")
-"""State of the body: x, y [m] and yaw [rad] of the center of gravity in the world frame; velocity
-[m/s, m/s, rad/s] in the world frame; low-passed acceleration by the tires in the body frame
-[m/s^2]; horizontal components of the path plane's normal [1]. Yaw and velocity are given in the
-path plane (`uneven_ground`)."""
+"""State of the body. Yaw and velocity are given in the path plane (`uneven_ground`).
+
+    x, y             position of the center of gravity in the world frame [m]
+    yaw              heading [rad]
+    v_x, v_y         velocity of the center of gravity in the world frame [m/s]
+    yaw_rate         yaw rate [rad/s]
+    a_x, a_y         acceleration by the tires in the body frame, low-pass filtered [m/s^2]
+    tilt_x, tilt_y   horizontal components of the path plane's normal [1]
+"""
 
 CONTACT = _floats("r_x", "r_y", "n_x", "n_y", "moment", "rim")
-"""Contact of a wheel in the body frame: position ``r_i - r_g`` relative to the center of gravity
-[m], active direction ``n_w`` [1], lever ``cross(r_i - r_g, n_w)`` [m], and ``n_w . u`` with the
-rolling direction ``u`` [1]."""
+"""Contact of a wheel, in the body frame.
+
+    r_x, r_y   position ``r_i - r_g`` relative to the center of gravity [m]
+    n_x, n_y   active direction ``n_w`` [1]
+    moment     lever of the active direction, ``cross(r_i - r_g, n_w)`` [m]
+    rim        ``n_w . u`` with the rolling direction ``u`` of the wheel [1]
+"""
 
 WHEEL = _floats(
     *("speed", "angle", "deflection", "force", "load", "brake", "command", "slip", "limit"),
     *("passive", "gain", "last_speed"),
     flag="sliding",
 )
-"""State of a wheel: ``speed`` [rad/s]; ``angle`` [rad]; ``deflection`` e of the tire [m]; ``force``
-on the vehicle along the active direction [N]. Values of the last step: ``load`` [N]; torque of the
-``brake`` on the wheel [N m]; speed ``command`` of a velocity drive that brakes [rad/s]; ``slip`` of
-the contact patch, Eq. (20) [1]; ``limit`` of the force at this load and ground [N]; whether the
-contact patch is ``sliding``. With passive losses: their force ``passive`` on the vehicle [N]; wheel
-speed ``gain`` that they add in a step [rad/s]; wheel speed ``last_speed`` before the last step
-[rad/s]."""
+"""State of a wheel; the fields from `load` on describe the last step.
+
+    speed        rotational speed [rad/s]
+    angle        rotation [rad]
+    deflection   deflection ``e`` of the tire [m]
+    force        force on the vehicle along the active direction [N]
+    load         wheel load [N]
+    brake        torque of the brake on the wheel [N m]
+    command      speed command of a velocity drive that brakes [rad/s]
+    slip         slip of the contact patch, Eq. (20) [1]
+    limit        limit on the force at this load and ground [N]
+    passive      force of the passive losses on the vehicle [N]
+    gain         wheel speed that the passive losses add in a step [rad/s]
+    last_speed   wheel speed before the step, used only with passive losses [rad/s]
+    sliding      whether the contact patch slides
+"""
 
 LOSS = _floats("u_x", "u_y", "moment", "rim", "mobility")
-"""Constants of a wheel's passive losses: passive direction ``u_w`` [1], lever ``cross(r_i - r_g,
-u_w)`` [m], ``u_w . u`` [1], sum of the absolute mobilities that couple the roller to any force
-[1/kg]."""
+"""Constants of a wheel's passive losses, in the body frame.
+
+    u_x, u_y   passive direction ``u_w`` [1]
+    moment     lever of the passive direction, ``cross(r_i - r_g, u_w)`` [m]
+    rim        ``u_w . u`` with the rolling direction ``u`` of the wheel [1]
+    mobility   sum of the absolute mobilities that couple the roller to all forces [1/kg]
+"""
 
 ROLLER = _floats(
     *("spin", "e_a", "e_p", "f_a", "f_p", "q_a", "q_p", "load", "limit", "slip", "torque"),
     flag="sliding",
 )
-"""State of a roller: ``spin`` [rad/s]; deflection ``e`` [m], force ``f`` [N] and friction direction
-``q`` [1], each along the axis (``a``, active) and across it (``p``, passive); ``load`` [N];
-friction ``limit`` [N]; ``slip`` [1]; ``torque`` on the wheel [N m]; whether the contact patch is
-``sliding``."""
+"""State of a roller; ``_a`` is the component along its axis (active), ``_p`` that across it (passive).
+
+    spin       rotational speed [rad/s]
+    e_a, e_p   deflection of the tread [m]
+    f_a, f_p   force on the vehicle [N]
+    q_a, q_p   unit vector of the friction [1]
+    load       load [N]
+    limit      limit on the friction [N]
+    slip       slip [1]
+    torque     torque on the wheel [N m]
+    sliding    whether the contact patch slides
+"""
 
 CHASSIS = _floats("heave", "forward", "left", "heave_rate", "forward_rate", "left_rate")
-"""State of a sprung chassis relative to the vehicle's plane: ``z``, ``p`` and ``r`` of `suspension`
-[m, 1, 1], and their time derivatives [m/s, 1/s, 1/s]."""
+"""State of a sprung chassis relative to the vehicle's plane.
+
+    heave         height ``z`` of `suspension` [m]
+    forward       gradient ``p`` forward [1]
+    left          gradient ``r`` to the left [1]
+    heave_rate    time derivative of the height [m/s]
+    forward_rate  time derivative of the gradient forward [1/s]
+    left_rate     time derivative of the gradient to the left [1/s]
+"""
 
 COUNTERS = np.dtype([("tipping_steps", np.int64), ("overloaded_steps", np.int64)])
-"""Number of steps in which the vehicle tips, and number of overloaded wheels, summed over steps."""
+"""Counters: steps in which the vehicle tips, and sum of the overloaded wheels over all steps."""
 
 
 class Plant(NamedTuple):
@@ -87,7 +124,7 @@ class Plant(NamedTuple):
         mobility: W of each wheel, see `dynamics` [1/kg], shape (N,).
         rolling: wheel speeds per unit of body twist, Eq. (32), shape (N, 3).
         position: position of the wheels relative to the center of gravity [m], shape (N, 2).
-        plane: load plane from `loads.load_plane`, shape (N, 3).
+        plane: matrix from `loads.load_plane`, shape (N, 3).
         hull: indices of the wheels from `loads.support_polygon`.
         wheel_inertia: moment of inertia I of a wheel about its axis [kg m^2].
         drive_limit: limit on the torque of a clutch [N m].

@@ -71,7 +71,7 @@ def stand(
     Args:
         terrain: height of the ground.
         position: wheel contacts relative to the center of gravity in the body frame [m], (N, 2).
-        plane: plane from `loads.load_plane`.
+        plane: matrix from `loads.load_plane`.
         place: center of gravity in the world [m].
         heading: cosine and sine of the yaw.
         heights: output, the ground's height under the wheels above the vehicle's plane [m], (N,).

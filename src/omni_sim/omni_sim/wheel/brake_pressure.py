@@ -27,16 +27,16 @@ class BrakePressure(NamedTuple):
     """Pressure in the brakes of N wheels, expressed as the torque that each brake can exert.
 
     Attributes:
-        remainder: share of the difference to the demand that remains after a step [1].
-        mean_remainder: mean of this share over a step [1].
+        remainder: share of the difference between torque and demand that remains after a step [1].
+        mean_remainder: mean of this share during a step [1].
         demanded: demanded torque of each brake, from pedal and valve [N m], shape (N,).
         torque: torque that each brake can exert at the end of the step [N m], shape (N,).
         acting: torque that each brake can exert on average over the step [N m], shape (N,).
-        delayed: demanded torques of the last D steps, where D is the longer of the two dead times
-            of applying and releasing [N m], shape (D, N).
+        delayed: demanded torques of the last D steps [N m], shape (D, N). D is the longer of the
+            dead times of applying and releasing, in steps.
         oldest: row of `delayed` that takes effect next, shape (1,).
-        open: smallest share of the pressure that each valve passes [1], shape (N,).
-        stuck: torque of each brake independent of pedal and valve [N m], shape (N,).
+        open: smallest share of the pressure that each valve can pass [1], shape (N,).
+        stuck: torque below which no demand for each brake falls [N m], shape (N,).
         pressure_step: resolution of a valve [1], 1 for on-off, 0 for continuous.
         release_lag: number of steps by which releasing is slower than applying.
     """
@@ -93,7 +93,7 @@ def release(pressure: BrakePressure) -> None:
 
 @lean
 def passed(pressure: BrakePressure, share: float) -> float:
-    """Return the share of the pressure that a valve passes if `share` is commanded [1]."""
+    """Return the share of the pressure that a valve passes when `share` is commanded [1]."""
     if pressure.pressure_step > 0.0:
         return min(math.floor(share / pressure.pressure_step + 0.5) * pressure.pressure_step, 1.0)
     return share
@@ -105,7 +105,7 @@ def set_demand(pressure: BrakePressure, demand: float, enable: FloatArray) -> No
 
     Args:
         pressure: pressure in the brakes, changed in place.
-        demand: torque of a brake at the full pressure of the pedal [N m].
+        demand: torque of a brake whose valve passes the whole pressure of the pedal [N m].
         enable: commanded share that each valve passes [1], shape (N,).
     """
     for i in range(enable.size):
@@ -115,10 +115,7 @@ def set_demand(pressure: BrakePressure, demand: float, enable: FloatArray) -> No
 
 @lean_inline
 def press(pressure: BrakePressure) -> None:
-    """Advance the pressure by a physics step.
-
-    The mean torques over the step that the brakes can exert are written to `acting`.
-    """
+    """Advance the pressure by a physics step, and write the mean torques to `pressure.acting`."""
     delay = pressure.delayed.shape[0]
     row = pressure.oldest[0]
     for i in range(pressure.demanded.size):

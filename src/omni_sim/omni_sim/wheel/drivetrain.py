@@ -4,13 +4,13 @@ One implicit step solves the equation of motion of the wheel together with the f
 
     I (omega' - omega) / dt = -g F + tau_drive(omega') + tau_brake(omega')
 
-where ``omega`` and ``omega'`` are the wheel speeds before and after the step, ``F`` is the force of
-the tire on the vehicle, and ``g = r_D (n_w . u)`` the lever by which the tire turns the wheel, with
-the rolling radius ``r_D``, the active direction ``n_w`` and the rolling direction ``u``. The drive
-follows its speed command through a stiff clutch of limited torque, ``tau = k (omega_cmd -
-omega')``; for a disengaged clutch, ``k = 0``. The brake is Coulomb friction: it opposes rotation
-with its full torque, and holds the wheel at exactly zero speed if a smaller torque suffices. It
-never reverses a wheel.
+``omega`` and ``omega'`` are the wheel speeds before and after the step. ``F`` is the force of the
+tire on the vehicle. It turns the wheel with the lever ``g = r_D (n_w . u)``, where ``r_D`` is the
+rolling radius, ``n_w`` the active direction and ``u`` the rolling direction. The drive follows its
+speed command through a stiff clutch of limited torque, ``tau = k (omega_cmd - omega')``; for a
+disengaged clutch, ``k = 0``. The brake is Coulomb friction: it opposes rotation with its full
+torque, and holds the wheel at exactly zero speed if a smaller torque suffices. It never reverses a
+wheel.
 
 If a velocity drive without friction brake slows the vehicle down, it reduces ``omega_cmd`` to zero
 along a ramp. Like any speed controller, it also accelerates a wheel that is slower than the
@@ -32,7 +32,7 @@ class Hub(NamedTuple):
         lever: lever ``g`` by which the tire turns the wheel [m].
         velocity: velocity of the wheel center along the active direction at the end of the step,
             without the force of this tire [m/s].
-        mobility: change of this velocity per force [m/s per N].
+        mobility: change of this velocity per force of the tire [m/s per N].
     """
 
     lever: float
@@ -115,9 +115,9 @@ def _rolling(
 def _braked(
     tire: TireConstants, curve: Curve, patch: Patch, hub: Hub, spin: Spin, impulse: float
 ) -> WheelStep:
-    """Advance a wheel, whose brake may lock it, by one step; arguments as in `_rolling`.
+    """Advance a wheel by one step, in which the brake may lock it.
 
-    The impulse does not include the torque of the brake.
+    The arguments are those of `_rolling`; the impulse does not include the torque of the brake.
     """
     if spin.brake <= 0.0:
         return _rolling(tire, curve, patch, hub, spin, impulse)
@@ -155,7 +155,7 @@ def ramped_speed(command: float, speed: float, fall: float) -> float:
 
     Args:
         command: speed command before the step [rad/s].
-        speed: speed of the wheel, which is the command of a drive that does not brake [rad/s].
+        speed: speed of the wheel [rad/s]; it is returned if the drive does not brake.
         fall: decrease of the command in this step [rad/s]; 0 if the drive does not brake.
     """
     if fall <= 0.0:

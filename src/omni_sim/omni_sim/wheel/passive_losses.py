@@ -4,13 +4,13 @@ Section 2.4.2 of the dissertation lists these losses and neglects them. In this 
 zero by default. The roller in contact rolls along the passive direction ``u_w`` with the rim's
 velocity in this direction,
 
-    w = u_w . v_i - omega r_D (u_w . u_i),
+    w = u_w . v_i - omega r_D (u_w . u_i)
 
-with the velocity ``v_i``, speed ``omega``, rolling radius ``r_D`` and rolling direction ``u_i`` of
-the wheel. If a wheel with a roller angle of 0 deg moves in its rolling direction, or the wheels of
-a Mecanum platform roll straight ahead, no roller turns and there are no losses. The force ``f``
-along ``u_w`` acts on the vehicle at the wheel, and the torque ``-r_D (u_w . u_i) f`` acts on the
-spin of the wheel:
+Here the wheel has the velocity ``v_i``, the speed ``omega``, the rolling radius ``r_D`` and the
+rolling direction ``u_i``. If a wheel with a roller angle of 0 deg moves in its rolling direction,
+or if the wheels of a Mecanum platform roll straight ahead, no roller turns and there are no losses.
+The force ``f`` along ``u_w`` acts on the vehicle at the wheel, and the torque ``-r_D (u_w . u_i)
+f`` acts on the spin of the wheel:
 
     f = -(f_r + f_b + C F_z / D sqrt(h_t / w_t)) F_z sign(w) - m_r / 2 dw/dt,
 
@@ -86,8 +86,8 @@ def passive_force(
     hold the roller at rest.
 
     Args:
-        coming: surface speed of the roller at the end of the step if the forces did not change
-            [m/s].
+        coming: surface speed of the roller that the forces of the last step would give at the end
+            of this step [m/s].
         now: surface speed of the roller at the start of the step [m/s].
         before: force in the last step [N].
         mobility: change of the surface speed per force [m/s per N].

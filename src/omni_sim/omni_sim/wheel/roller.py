@@ -50,7 +50,8 @@ def load_share(gamma: float, half_pitch: float, overlap: float) -> float:
     """Return the share of the wheel's load that the lowest roller carries, 0.5 to 1.
 
     Args:
-        gamma: angle of the lowest roller from its lowest position [rad], up to `half_pitch`.
+        gamma: wheel angle from the lowest position of this roller [rad], at most `half_pitch` in
+            magnitude.
         half_pitch: ``pi / n`` [rad].
         overlap: overlap of the rollers, see `roller_geometry.RollerConfiguration`.
     """
@@ -61,14 +62,14 @@ def load_share(gamma: float, half_pitch: float, overlap: float) -> float:
 
 
 class RollerPatch(NamedTuple):
-    """Contact patch of a roller; pairs are components along and across the roller's axis.
+    """Contact patch of a roller at the start of a step.
 
     Attributes:
-        deflection: deflection ``e`` of the tread along the axis and across it [m].
+        deflection: deflection ``e`` of the tread along the roller's axis and across it [m].
         speed: speed ``V`` of the rubber through the contact [m/s].
         sliding: whether the patch slid in the previous step.
-        direction: unit vector of the friction in the previous step, with which the iteration of
-            this step begins.
+        direction: unit vector of the friction in the previous step, along the roller's axis and
+            across it [1]; the iteration begins with this vector.
     """
 
     deflection: Pair
@@ -82,13 +83,13 @@ class RollerHub(NamedTuple):
 
     Attributes:
         lever: ``r_D u`` in components along the roller's axis and across it [m].
-        velocity: velocity of the contact, as a point of the vehicle, at the end of the step without
-            the force of this roller, along the roller's axis and across it [m/s].
+        velocity: velocity that the vehicle would have at the contact point at the end of the step
+            without the force of this roller, along the roller's axis and across it [m/s].
         mobility: change of this velocity per force, in any direction [m/s per N].
-        spin: spin of the roller after its dry friction of this step, without the force of the
+        spin: spin of the roller after the dry friction of this step, but without the force of the
             ground [rad/s].
-        inertia: inertia of the roller [kg m^2].
-        spin_lever: surface speed of the roller per spin, across its axis [m].
+        inertia: moment of inertia of the roller [kg m^2].
+        spin_lever: surface speed of the roller across its axis, divided by its spin [m].
     """
 
     lever: Pair
@@ -127,7 +128,9 @@ class RollerStep(NamedTuple):
 
 @lean
 def _deflected(tire: TireConstants, deflection: Pair, force: Pair, effective: float) -> Pair:
-    """Return the deflection of a tread after a step with a force [m].
+    """Return the deflection of a tread after a step in which a force acts [m].
+
+    All pairs are components along the roller's axis and across it.
 
     Args:
         tire: constants of the tread.

@@ -30,13 +30,19 @@ from omni_platform.kernels import lean
 from omni_platform.quantities import FloatArray
 
 AXIS = np.dtype([(name, np.float64) for name in ("u_x", "u_y", "cos", "sin", "distance")])
-"""Constants of a wheel's rollers: rolling direction ``u`` in the body frame, cosine and sine of the
-roller angle at the ground ``(sin delta, -cos delta)`` [1], distance ``d`` [m]."""
+"""Constants of a wheel's rollers.
+
+    u_x, u_y   rolling direction ``u`` of the wheel in the body frame [1]
+    cos, sin   cosine and sine of the roller angle on the ground, ``(sin delta, -cos delta)`` [1]
+    distance   distance ``d`` between the axes of wheel and roller [m]
+"""
 
 
 @lean
 def nearest_roller(angle: float, pitch: float) -> float:
-    """Return the number of the lowest roller [1]; after a full turn, roller 0 has the number n.
+    """Return the number of the lowest roller [1].
+
+    The n rollers are counted on from turn to turn: after a full turn, roller 0 has the number n.
 
     Args:
         angle: angle of the wheel, 0 with roller 0 lowest [rad].
@@ -54,11 +60,11 @@ def roller_contact(gamma: float, roller: Any) -> tuple[float, ...]:
         roller: one record of `AXIS`.
 
     Returns:
-        Active direction ``n_w`` in the body frame [1], two components with the sign of
-        `omni_platform.geometry`; contact point relative to the point under the wheel center [m],
-        two components; ``n_w . u`` with the rolling direction ``u`` of the wheel [1]; length of the
-        horizontal part of the unit vector of the roller's axis [1]; height of the wheel's axis
-        above the roller's axis at the contact [m].
+        Seven numbers: x and y of the active direction ``n_w`` in the body frame [1], with the sign
+        of `omni_platform.geometry`; x and y of the contact point relative to the point under the
+        wheel center [m]; ``n_w . u`` with the rolling direction ``u`` of the wheel [1]; length of
+        the horizontal part of the unit vector along the roller's axis [1]; height of the wheel's
+        axis above the roller's axis at the contact [m].
     """
     u_x, u_y = roller.u_x, roller.u_y
     cosine = math.cos(gamma)
@@ -199,8 +205,8 @@ class RollerConfiguration(Configuration):
     damping: float = parameter(5000.0, unit="N s/m", minimum=0.0, maximum=1.0e7)
     """Damping of a roller's tread against horizontal deflection"""
     overlap: float = parameter(0.1, minimum=0.01, maximum=0.5)
-    """Share of half the pitch angle between rollers, before and after a change of rollers, in which
-    both rollers carry load"""
+    """Range of the wheel angle, before and after each change of rollers, in which both rollers
+    carry load, divided by half the angle between two rollers"""
     gap: float = parameter(0.0, unit="m", minimum=0.0, maximum=1.0)
     """Gap between the ends of two neighboring rollers, measured along the rim, into which the
     wheel sinks; requires a suspension. With 0, the rollers fill the wheel's circle"""

@@ -9,19 +9,19 @@ from omni_platform.kernels import njit
 from omni_platform.quantities import Float32Array, FloatArray, Int32Array
 from omni_sim.camera.footprint.rows import CLASSES, HALF, ONE, POINT
 
-_NARROW_ROWS = 640  # largest number of rows whose sums with the weights of `refine` fit 32 bits
+_NARROW_ROWS = 640  # rows whose sums, times the weights of `refine`, fit into 32 bits (up to 655)
 _1 = np.uint64(1)
 
 
 class Edges(NamedTuple):
-    """Positions of the pixel edges on the integral [cells], and conversion to gray levels.
+    """Positions of the pixel edges along the integral, and its conversion to gray levels.
 
     Attributes:
         start: position of the first edge [cells].
         step: distance between two edges [cells].
-        slant: standard deviation of the position of an edge over its length, because the edge is
-            not perpendicular to the rows [cells].
-        scale: ratio of gray level to difference of the integral.
+        slant: standard deviation of the position of an edge within a row of texels, which the edge
+            crosses obliquely [cells].
+        scale: factor from the integral between two edges to a gray level.
         middle: gray level that is stored as 0.
     """
 
@@ -36,9 +36,9 @@ class Edges(NamedTuple):
 def merge_classes(totals: Int32Array, count: int, cells: Int32Array) -> None:
     """Merge the row sums of the four classes into cells of a quarter texel.
 
-    Column c of class k (`rows`) begins at ``c + (k - 2)/4`` on the axis of the columns [texels],
-    and cell ``cells[q, c]`` at ``c + (2 + q)/4``. The cell therefore contains column c + 1 of the
-    classes 0 to q, and column c of the other classes.
+    The module `rows` explains the classes. Along the line, column c of class k begins at
+    ``c + (k - 2)/4`` [texels], and cell ``cells[q, c]`` begins at ``c + (2 + q)/4``. The cell
+    therefore contains column c + 1 of the classes 0 to q, and column c of the other classes.
 
     Args:
         totals: sum of the rows of each class in each column, shape (4, at least count + 1).
@@ -59,12 +59,11 @@ def merge_classes(totals: Int32Array, count: int, cells: Int32Array) -> None:
 def refine(cells: Int32Array, refined: Int32Array, n: int, height: int) -> None:
     """Compensate for the blur that the texels of a coarse texture cause.
 
-    The integral along the line, interpolated linearly between texel edges, is smoothed where the
-    gray level changes. The weights (-9, 16, 50, 16, -9) / 64 are applied to the cells that are -4,
-    -2, 0, 2, 4 quarter texels away. The weights remove steps as wide as a texel, for which their
-    gain is 0. Their second moment is minus that of two boxes, which compensates for the loss due to
-    averaging and due to steps in a curved profile. Sums over 655 rows times all weights fit into 32
-    bits.
+    Each cell is replaced by a weighted sum of the cells at a distance of -4, -2, 0, 2 and 4
+    quarter texels, with the weights (-9, 16, 50, 16, -9) / 64. The weights have no gain at a period
+    of one texel, so they remove the steps between texels. Their second moment is minus that of two
+    boxes as wide as a texel. One box compensates for the averaging within a texel, the other for
+    the constant gray level of a texel.
 
     Args:
         cells: result of `merge_classes`; changed in place if the footprint has many rows.
@@ -119,9 +118,9 @@ def sum_cells(cells: Int32Array, count: int, integral: FloatArray) -> None:
 def read_pixels(integral: FloatArray, edges: Edges, values: FloatArray, line: Float32Array) -> None:
     """Set each pixel to the difference of the integral between its two edges.
 
-    An edge that is not perpendicular to the rows of texels smooths the integral by a box as wide as
-    the shift of the edge along its length. The mean of two values, one standard deviation on either
-    side, has the same second moment.
+    An edge that crosses a row of texels obliquely reads the mean of the integral over a short range
+    of positions. The mean of the two values that are one standard deviation before and after the
+    middle of this range has the same second moment.
 
     Args:
         integral: result of `sum_cells`, shape (4, columns).

@@ -121,7 +121,7 @@ def _integrate(
 
 @njit(cache=True, nogil=True)
 def _scratch(half_length: float, half_width: float, pixels: int) -> _Scratch:
-    """Return the buffers for one line whose footprint has a given half length and half width.
+    """Return the buffers for one line.
 
     Args:
         half_length: half the length of the footprint [texels].
@@ -165,7 +165,8 @@ def _integrate_line(
     Args:
         ground: texels.
         texture: rows or columns of the ground.
-        axis: center x, y [texels] and direction cosines of the line, within 45 deg of x and y >= 0.
+        axis: center x, y [texels] and direction cosines of the line. The direction is within 45 deg
+            of the x axis, and its y component is not negative.
         downwards: whether y is mirrored.
         half_size: half the length and width of the footprint [texels].
         scratch: scratch buffers.
@@ -251,15 +252,14 @@ def _read_line(
     span: tuple[float, float],
     line: Float32Array,
 ) -> None:
-    """Compute the pixels of a line from the totals of the four classes of cells (see `rows`).
+    """Compute the pixels of a line from the totals of the four classes of texel rows.
 
     Args:
         ground: texels.
-        scratch: scratch buffers, with the totals.
-        size: number of columns, and height of the footprint in a column [1 / rows.ONE texels].
+        scratch: scratch buffers, which contain the totals.
+        size: number of columns, and height of the footprint in a column [texels, fixed point].
         tangent: tangent of the angle between the line and the rows of texels [1].
-        span: half the length of the footprint along s, and s at which the first cell begins
-            [texels].
+        span: half the length of the footprint, and start of the first cell, both along s [texels].
         line: output, the gray levels of the pixels.
     """
     count, height = size

@@ -61,7 +61,7 @@ def average_texels(gray: NDArray[np.uint8], middle: int, averages: NDArray[np.in
 
 
 LEAST_WIDTH = 10.0
-"""Narrowest footprint for which the integral is accurate enough [texels]."""
+"""Minimum width of a footprint for which the integral is accurate enough [texels]."""
 
 _CACHE_LINE = 64  # bytes
 # Number of texels that may be read beyond the footprint's length times sqrt(2): room for the
@@ -72,16 +72,17 @@ _MARGIN = 2 * 8 + 3 * blocks.BLOCK
 class Coarsening(NamedTuple):
     """Rules for the use of texels that are coarser than the texels of the ground.
 
-    If a footprint is many texels wide, slightly more than one texel per pixel suffices.
+    The texels must satisfy one of two conditions, `sufficient` or `wide`. Each condition consists
+    of a minimum number of texels per pixel along the axis, and a minimum number of texels across
+    the footprint.
 
     Attributes:
-        sufficient: minimum number of texels per pixel along the axis, and minimum number of texels
-            across the footprint.
-        wide: the same two minimum numbers for a wide footprint, as an alternative to `sufficient`.
+        sufficient: condition for any footprint.
+        wide: condition for a wide footprint, with slightly more than one texel per pixel.
         most: limit on the number of texels per period, which limits the memory.
-        worth: minimum ratio of coarse to fine texel size at which coarse texels are used [1].
-        whole: limit on the factor by which the number of coarse texels is increased so that each of
-            them consists of whole texels of the ground [1].
+        worth: ratio of coarse to fine texel size below which fine texels are used [1].
+        whole: limit on the factor by which the number of coarse texels may be increased so that
+            each of them consists of whole texels of the ground [1].
     """
 
     sufficient: tuple[float, float] = (4.0, 128.0)
@@ -98,7 +99,8 @@ class PaddedTexture(NamedTuple):
     """A periodic texture prepared for `integrate_lines`.
 
     Attributes:
-        rows: gray level minus `middle`, row by row, each continued periodically to `stride` texels.
+        rows: gray levels minus `middle`, row by row; each row is continued periodically to `stride`
+            texels.
         columns: transposed texture in the layout of `rows`.
         middle: gray level stored as 0; it is near the mean, so that errors of the weights are
             small.
@@ -127,8 +129,8 @@ class PaddedTexture(NamedTuple):
         Args:
             texture: the ground.
             reach: longest footprint that will be integrated [m].
-            texels: number of texels per period, at most the number of the ground; 0 to use the
-                number of the ground.
+            texels: number of texels per period, at most that of the ground; 0 for that of the
+                ground.
         """
         texels = texels or len(texture.gray)
         texel = texture.size / texels

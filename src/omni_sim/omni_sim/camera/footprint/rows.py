@@ -47,7 +47,7 @@ class Placement(NamedTuple):
     Attributes:
         first: index of the first row, in the texture or in its mirror image.
         downwards: whether the mirror image is used.
-        column: index within the period of the texel in column 0 for a row with the shift 0.
+        column: index, within the period, of the texel that a row with the shift 0 has in column 0.
         ahead: shift of the first row relative to the middle row [quarter texels, fixed point].
         ahead_per_row: shift of each row relative to the row before it [quarter texels, fixed
             point].
@@ -76,11 +76,11 @@ class Rows(NamedTuple):
     """Texel rows under a line, followed by an empty row.
 
     Attributes:
-        offsets: index in the texture of column 0 of each row.
+        offsets: texture index of the texel that each row has in column 0.
         starts: first column in which each row is covered completely.
         ends: column after the last column in which each row is covered completely.
         classes: class of the fractional shift of each row.
-        listed: rows that are covered completely in at least one column, for each class.
+        listed: for each class, the rows that are covered completely in at least one column.
         used: number of listed rows in each class.
     """
 
@@ -94,13 +94,13 @@ class Rows(NamedTuple):
 
 @njit(cache=True, nogil=True)
 def place_rows(texels: int, stride: int, placement: Placement, rows: Rows) -> None:
-    """Write for each row the texture index of column 0 and the class of the fractional shift.
+    """Write the texture index of each row's texel in column 0, and the class of each row.
 
     Args:
         texels: number of texels per period.
         stride: number of texels in a padded row.
         placement: placement of the rows.
-        rows: rows, of which `offsets` and `classes` are written.
+        rows: output, of which only `offsets` and `classes` are written.
     """
     row_0, downwards, origin, ahead, ahead_per_row = placement
     offsets, classes = rows.offsets[: len(rows.classes)], rows.classes
@@ -132,9 +132,9 @@ def place_rows(texels: int, stride: int, placement: Placement, rows: Rows) -> No
 
 @njit(cache=True, nogil=True, inline="always")
 def _rounding(row: int) -> int:
-    """Return the offset with which the shift of a row is rounded to a quarter texel.
+    """Return a fixed-point number that is added to the shift of a row before it is rounded down.
 
-    Successive rows have the offsets 1/8, 5/8, 3/8 and 7/8 (dithering), as fixed-point numbers.
+    Successive rows have the numbers 1/8, 5/8, 3/8 and 7/8 of a quarter texel (dithering).
     """
     return (1 + 4 * (row & 1) + (row & 2)) << (POINT - 3)
 
@@ -256,17 +256,17 @@ def _four(numbers: IntArray, listed: IntArray) -> tuple[int, int, int, int]:
 
 @njit(cache=True, nogil=True)
 def add_edges(texture: Int8Array, cover: Cover, offsets: IntArray, totals: Int32Array) -> None:
-    """Add the two rows that each column covers only in part, with weights, to the column's total.
+    """Add the weighted texels of the two rows that each column covers only in part to its total.
 
-    The totals belong to the class of rows without a fractional shift, although the two rows may
-    have a fractional shift. The weights of all rows of a column add up to the footprint's height
-    regardless of rounding, so that a uniform ground gives uniform lines.
+    The totals are those of the class without a fractional shift; a fractional shift of the two rows
+    is ignored. The weights of all rows of a column add up to the footprint's height regardless of
+    rounding, so that a uniform ground gives uniform lines.
 
     Args:
         texture: texels.
         cover: rows that each column covers.
-        offsets: index in the texture of column 0 of each row.
-        totals: total of each column over this class, changed in place.
+        offsets: texture index of the texel that each row has in column 0.
+        totals: sum of the rows of this class in each column, changed in place.
     """
     low, climb, height = cover
     climbed = (_EDGE_COLUMNS - 1) * climb
