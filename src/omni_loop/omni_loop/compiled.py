@@ -62,7 +62,7 @@ def _new_record(stamps: int, wheels: int) -> _Record:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class FastRun(RunHistory):
-    """Time histories of a run of the fast loop; odometry estimates and assistant states are empty.
+    """Time histories of a run of the fast loop, without odometry and states of the assistant.
 
     Attributes:
         feedback: twist that the brake assistant received [m/s, m/s, rad/s], shape (T, 3).
@@ -101,7 +101,8 @@ class _Loop(NamedTuple):
 class _Sensors(NamedTuple):
     """Sensors with their state and noise.
 
-    The noise is drawn for chunks of K stamps, with D values per stamp; T is as in `_Loop`.
+    The noise of IMU and encoders is drawn for K stamps at a time, with D values per stamp. T is the
+    limit on the number of stamps.
     """
 
     velocity: velocity_sensor.SensorConstants
@@ -257,7 +258,7 @@ def _advance(state: State, loop: _Loop, scratch: _Scratch, stamp: int, yaw: floa
 
     Args:
         state: state of the vehicle, changed in place.
-        loop: inputs; with `hold_world`, the command of this stamp is rotated in place.
+        loop: inputs; if `loop.hold_world` is true, the command of this stamp is rotated in place.
         scratch: buffers, which contain the enables of this stamp.
         stamp: index of the control stamp.
         yaw: present heading of the vehicle in `odom` [rad].
@@ -332,12 +333,12 @@ def _run_part(run: _Run, first: int, last: int) -> tuple[int, int]:
 
 @kernel
 def _inputs(run: _Run, stamp: int) -> assist_state.Inputs:
-    """Return the result of `_sense`, which Python code cannot call because it is inlined."""
+    """Return the result of `_sense`; Python code cannot call `_sense`, because it is inlined."""
     return _sense(run, stamp)
 
 
 def _run_own(law: Law, run: _Run, first: int, last: int) -> tuple[int, int]:
-    """Do the same as `_run_part`, but with a user's law in Python.
+    """Run the loop like `_run_part`, but with a user's law in Python.
 
     The law is called between the two compiled halves of a step, `receive` and `act`.
     """

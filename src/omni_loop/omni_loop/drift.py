@@ -45,7 +45,7 @@ def absolute_error(truth: FloatArray, path: FloatArray) -> float:
 
 
 def relative_error(truth: FloatArray, path: FloatArray, delta: float = DELTA) -> tuple[float, int]:
-    """Return the error with which a path follows segments of fixed length of the true path.
+    """Return the error of an estimated path over segments of the true path with a fixed length.
 
     Args:
         truth: true poses x, y, yaw [m, m, rad], shape (T, 3).
@@ -53,8 +53,8 @@ def relative_error(truth: FloatArray, path: FloatArray, delta: float = DELTA) ->
         delta: length of a segment [m].
 
     Returns:
-        Root mean square of the translation error [m] (NaN if there is no segment), and the number
-        of segments.
+        Root mean square of the translation error at the end of a segment [m], NaN if there is no
+        segment; number of segments.
     """
     steps = np.hypot(*np.diff(truth[:, :2], axis=0).T)
     pairs, first, way = [], 0, 0.0
@@ -72,7 +72,7 @@ def relative_error(truth: FloatArray, path: FloatArray, delta: float = DELTA) ->
 
 
 def _between(path: FloatArray, first: int, last: int) -> FloatArray:
-    """Return one pose of a path relative to an earlier one: x, y, yaw [m, m, rad], shape (3,).
+    """Return a pose of a path in the frame of another: x, y, yaw [m, m, rad], shape (3,).
 
     Args:
         path: poses x, y, yaw in the world [m, m, rad], shape (T, 3).

@@ -166,8 +166,8 @@ class ExperimentLibrary:
 
         Args:
             experiment: name of the experiment.
-            overrides: ``dotted.key=value`` texts; if one of them sets the control law, variants
-                that set it themselves are left out, unless no variant would remain.
+            overrides: ``dotted.key=value`` texts. If one of them sets the control law, variants
+                that set a control law are left out, unless no variant would remain.
         """
         variants = _variants(self._read(_EXPERIMENTS, experiment, "experiment"))
         if not any(words.startswith("brake_assist.law=") for words in overrides):
@@ -274,7 +274,7 @@ class ExperimentLibrary:
     def _resolve(
         self, tree: Mapping[str, Any], prefix: str = "", near: Path | None = None
     ) -> dict[str, Any]:
-        """Replace the names of parts by the content of their files.
+        """Return the values with the content of files in place of the names of parts.
 
         Args:
             tree: nested values of an experiment or a part.
@@ -303,11 +303,10 @@ class ExperimentLibrary:
         return resolved
 
     def located(self, kind: str, name: str) -> str:
-        """Return the path of a vehicle's file if `name` is its folder; otherwise return `name`.
+        """Return the file in `name` if it is a vehicle's or experiment's folder, else `name`.
 
         Args:
-            kind: kind of file, named like the configuration folder that usually contains it, such
-                as ``vehicles``.
+            kind: configuration folder that usually contains such files, such as ``vehicles``.
             name: folder made by ``./omni new-vehicle``, or another name or path.
         """
         file = Path(name) / _IN_FOLDER.get(kind, "")
@@ -362,9 +361,9 @@ def short_name(path: str | Path) -> str:
 
 
 def _nearest(name: str, near: Path | None) -> str:
-    """Return the path of a YAML file that is given relative to the folder `near`.
+    """Return the path of the YAML file `name` in the folder `near`.
 
-    A name is returned unchanged if `near` is None or does not contain such a file.
+    If `near` is None or does not contain this file, `name` is returned unchanged.
     """
     if near is not None and name.endswith(".yaml") and isfile(near / name):
         return str(near / name)
@@ -374,11 +373,11 @@ def _nearest(name: str, near: Path | None) -> str:
 def _take_names(
     layer: Mapping[str, Any], named: dict[str, str], prefix: str = ""
 ) -> dict[str, Any]:
-    """Return the values of a layer except the names of files for parts (`_PARTS`).
+    """Return the values of a layer without the file names of parts, which are added to `named`.
 
     Args:
         layer: nested values of an experiment, a variant or an override.
-        named: file names found, keyed by the dotted key of the part; changed in place.
+        named: file names of parts, keyed by the dotted key of the part; changed in place.
         prefix: dotted key of `layer` in the experiment.
     """
     rest: dict[str, Any] = {}
@@ -418,8 +417,8 @@ def _variants(document: Mapping[str, Any]) -> Mapping[str, Any]:
 def _twist_delay(tree: Mapping[str, Any]) -> float | None:
     """Return the delay of the odometry's twist relative to its stamp [s]; None if unknown.
 
-    The twist is the mean over a batch and is stamped with the newest line, so the delay is half a
-    batch.
+    The twist is the mean over the lines of a control period and has the stamp of the newest line.
+    Its delay is therefore half a control period.
     """
     if tree.get("feedback", "optical") != "optical":
         return None

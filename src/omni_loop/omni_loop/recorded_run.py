@@ -59,11 +59,11 @@ class Stream:
 
 
 def read_run(bag_folder: Path | str) -> RunHistory:
-    """Read the history of a run from a rosbag2 folder, for any namespace of the vehicle.
+    """Return the history of a run that is recorded in a rosbag2 folder.
 
-    A value for which no message was recorded is NaN, such as the enables of the last period if they
-    are missing. A recording of a real vehicle has no ground truth, so the motion in the history is
-    the integral of the measured twist.
+    The vehicle may have any namespace. A value for which no message was recorded is NaN. If the
+    recording has no ground truth, because the vehicle is real, the motion in the history is the
+    integral of the measured twist.
 
     Args:
         bag_folder: folder with ``metadata.yaml`` and the recording.
@@ -188,10 +188,9 @@ def _true_motion(truth: Stream) -> dict[str, Any]:
 
 
 def _integrated(streams: Mapping[str, Stream]) -> dict[str, Any]:
-    """Return the motion that results from integrating the measured twist, without ground truth.
+    """Return the integral of the measured twist, as arguments of `RunHistory.from_quaternions`.
 
-    It is sampled at the stamps of the wheel speeds, starts at the origin, and is keyed by the
-    arguments of `RunHistory.from_quaternions`.
+    The motion starts at the origin and is sampled at the stamps of the wheel speeds.
 
     Raises:
         ValueError: the twist is never measured.
@@ -217,7 +216,9 @@ def _integrated(streams: Mapping[str, Stream]) -> dict[str, Any]:
 
 
 def _assist_states(stamps: NDArray[np.int64], stream: Stream | None, assistant: str) -> list[str]:
-    """Return the state of the brake assistant at each control stamp; empty before the first report.
+    """Return the state of the brake assistant at each control stamp.
+
+    The state is an empty text before the first report.
 
     Args:
         stamps: control stamps [ns], shape (T,).
@@ -281,10 +282,11 @@ def stops_of(history: RunHistory) -> tuple[RunHistory, ...]:
     """Return the history of each stop of a run, in the order of the stops.
 
     A stop begins when the pedal is pressed while the vehicle moves. It ends when the vehicle is at
-    rest with the pedal still down; braking that does not end at rest is not a stop. The history of
-    a stop also contains up to one second before and half a second after the stop. The whole history
-    is returned if it contains no stop, or if it contains a single stop and the vehicle already
-    moves at the first stamp.
+    rest with the pedal still down. Braking that does not end at rest is not a stop. The history of
+    a stop also contains up to one second before and half a second after the stop.
+
+    The whole history is returned if it contains no stop. It is also returned if it contains a
+    single stop and the vehicle already moves at the first stamp.
     """
     spans = _spans(history)
     if not spans or (len(spans) == 1 and _moves(history, 0)):
@@ -293,7 +295,7 @@ def stops_of(history: RunHistory) -> tuple[RunHistory, ...]:
 
 
 def _moves(history: RunHistory, index: int, least: float = 0.2) -> bool:
-    """Return whether the vehicle is faster than `least` [m/s or rad/s] at a stamp."""
+    """Return whether speed or yaw rate of the vehicle at a stamp exceed `least` [m/s, rad/s]."""
     twist = history.twist[index]
     return math.hypot(twist[0], twist[1]) > least or abs(twist[2]) > least
 

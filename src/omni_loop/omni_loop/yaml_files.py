@@ -74,7 +74,7 @@ def read_mapping(path: Path, key: str) -> dict[str, Any]:
 
 
 class Part(dict[str, Any]):
-    """Values read from a file; they replace previous values instead of being merged into them."""
+    """Values of a part that were read from a file; `merge` does not mix them with other values."""
 
 
 def parse_override(text: str) -> dict[str, Any]:
@@ -109,7 +109,10 @@ def plain(tree: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def merge(base: Mapping[str, Any], layer: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the values of `base`, overridden by those of `layer` in all nested mappings."""
+    """Return the values of `base`, overridden by those of `layer` in all nested mappings.
+
+    A `Part` in `layer` replaces the value of `base` as a whole.
+    """
     merged = dict(base)
     for key, value in layer.items():
         below = merged.get(key)
@@ -147,7 +150,7 @@ def check_complete(
 
 
 def set_default(tree: dict[str, Any], node: str, name: str, truth: Any) -> None:
-    """Set a value of a node to the simulator's value, unless the tree already contains a value.
+    """Set a value of a node to the simulator's value if the experiment does not contain it.
 
     Args:
         tree: experiment, changed in place.

@@ -189,7 +189,7 @@ class SimulatorNode(Node):
         """Return the limits of the model that the run has exceeded so far.
 
         Returns:
-            Dictionary from ``overload`` or ``tipping`` to the total duration [s] and a description.
+            Total duration [s] and description, keyed by the limit, ``overload`` or ``tipping``.
         """
         exceeded = {}
         overload, tipping_time = self.simulator.overload, self.simulator.tipping_time
@@ -269,7 +269,7 @@ class SimulatorNode(Node):
         return self._enable_stamp_ns == stamp_ns and (not awaited or self._has_twist(stamp_ns))
 
     def silent_node(self, stamp_ns: int) -> str:
-        """Return the node whose message for this step is missing, and its topic, as words."""
+        """Return words that name the node whose message for this step is missing, and the topic."""
         if self._has_twist(stamp_ns):
             return "brake_assist (nothing on brake/enable)"
         return "linescan_odometry (nothing on odometry/twist)"

@@ -1,6 +1,6 @@
 """Disk cache of generated ground textures, so that each texture is generated only once.
 
-A texture of high resolution needs so much memory that no copy is kept.
+The cache keeps no texture in memory, because a texture of high resolution needs too much of it.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from omni_sim.texture.picture import read_picture
 
 
 class TextureCache:
-    """Textures in a folder, each in a file that is named by a digest of the texture's parameters.
+    """Textures in a folder; the name of a texture's file contains a digest of its parameters.
 
     A file is an uncompressed NumPy archive with a CRC-32. If the file is missing or damaged, or its
     array has the wrong shape, the texture is generated again. Files are written atomically, so

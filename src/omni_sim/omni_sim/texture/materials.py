@@ -47,10 +47,10 @@ class _Shape(NamedTuple):
     """Distribution of the shapes and gray levels of ellipses.
 
     Attributes:
-        radius: smallest and largest long semi-axis [m].
-        ratio: smallest and largest ratio of the semi-axes [1].
+        radius: minimum and maximum of the long semi-axis [m].
+        ratio: minimum and maximum of short divided by long semi-axis [1].
         gray: mean and standard deviation of the gray levels.
-        limits: limits of the gray levels.
+        limits: lower and upper limit on the gray levels.
         direction: standard deviation of the angle between long axis and x [rad], infinite for a
             uniform distribution.
     """
@@ -94,11 +94,11 @@ class Brush(NamedTuple):
         """Return ellipses whose radii follow the scale-invariant power law r^-3.
 
         Args:
-            radii: smallest and largest long semi-axis [m].
+            radii: minimum and maximum of the long semi-axis [m].
             coverage: ratio of the total area of the ellipses to the area of the ground [1].
             gray: mean and standard deviation of the ellipses' gray levels.
-            flattest: smallest ratio of the semi-axes [1].
-            limits: limits of the gray levels.
+            flattest: minimum of short divided by long semi-axis [1].
+            limits: lower and upper limit on the gray levels.
         """
         least, greatest = radii
         inverse, drop = 1.0 / least**2, 1.0 / least**2 - 1.0 / greatest**2
@@ -130,8 +130,8 @@ class Brush(NamedTuple):
             spacing: spacing of the grid [m].
             gray: mean and standard deviation of the gray levels, and their limits.
             border: gray level of the borders, and width over which they fade [m].
-            warp: largest displacement that bends the borders [cells], and spacing of the nodes at
-                which the displacement is random [m].
+            warp: limit on the random displacement that bends the borders [cells], and spacing of
+                the nodes at which this displacement is drawn [m].
         """
         cells, nodes = self.cells(spacing), self.cells(warp[1])
         shades = self.generator.normal(*gray[0], (cells, cells)).clip(*gray[1])
@@ -152,7 +152,7 @@ class Brush(NamedTuple):
         return [self.noise(spacing, spacing, gray) for spacing, gray in octaves]
 
     def noise(self, spacing_y: float, spacing_x: float, deviation: float) -> patterns.Noise:
-        """Return a lattice of random values that is interpolated with the given standard deviation.
+        """Return a lattice of random values, between which the pattern is interpolated.
 
         Args:
             spacing_y: approximate distance between nodes along y [m].

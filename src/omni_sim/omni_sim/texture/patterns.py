@@ -1,4 +1,6 @@
-"""Compiled patterns of which ground textures are composed; a picture is one period of a texture.
+"""Compiled patterns of which ground textures are composed.
+
+A picture is one period of a texture.
 
 Lengths are in periods or in cells of a pattern's own grid, never in texels. A pattern can draw each
 band of texel rows separately, and the result does not depend on the division into bands. A picture
@@ -205,8 +207,8 @@ class Studs:
         top: half the edge length of a stud's flat top [cells].
         bevel: width of a stud's sloping edge [cells].
         corner: radius of a stud's corners [cells].
-        glare: increase of the gray level of edges that face the light, which is also the decrease
-            at the other edges.
+        glare: increase of the gray level at edges that face the light, and decrease of the gray
+            level at the other edges.
     """
 
     gray: Float32Array

@@ -51,7 +51,7 @@ def read_picture(path: str, dpi: float) -> GroundTexture:
 
 
 def _square(path: Path, dot: float) -> tuple[NDArray[np.uint8], float]:
-    """Return the largest square in the middle of a picture.
+    """Return the gray levels and texel size of the largest square in the middle of a picture.
 
     Args:
         path: file of the picture.
@@ -126,7 +126,7 @@ def _gray(path: Path, picture: Image.Image) -> NDArray[np.uint8]:
 
 
 def _blend(gray: NDArray[np.uint8], period: int) -> None:
-    """Blend the first columns with the columns from `period` on, so that the texture repeats."""
+    """Blend the first columns with those from `period` on, so that the texture is seamless."""
     overlap = gray.shape[1] - period
     share = ((np.arange(overlap) + 0.5) / overlap).astype(np.float32)
     after = gray[:, period:].astype(np.float32)

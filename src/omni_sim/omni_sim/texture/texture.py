@@ -25,7 +25,8 @@ INCH = 0.0254
 """Length of an inch [m]."""
 
 BLOCK = 32
-"""Divisor of the number of texels per period that follows from dpi, for merging in blocks."""
+"""If the number of texels per period follows from dpi, it is a multiple of this number. Blocks of
+texels can then be merged into coarser texels."""
 
 MOST_TEXELS = 20480
 """Limit on the number of texels per period, which limits the memory."""

@@ -83,8 +83,8 @@ class FitRecipe:
         values: function that converts unknowns, shape (P, ...), to the values of `keys`. An unknown
             may be the ratio of two values, so that one value stays below the other.
         scale: function that returns the typical magnitudes of the values, shape (P,), with which
-            standard errors are compared; its arguments are the values and the largest load [N] in
-            the data.
+            standard errors are compared. Its arguments are the values and the largest load in the
+            data [N].
     """
 
     keys: tuple[str, ...]
@@ -195,7 +195,7 @@ def contact_friction(
 
 
 def flat_together(*values: ArrayLike) -> tuple[tuple[int, ...], list[FloatArray]]:
-    """Return the common shape of broadcast arguments, and the flattened arrays."""
+    """Return the shape to which the arguments are broadcast, and the flattened results."""
     common = np.broadcast_arrays(*(np.asarray(value, dtype=np.float64) for value in values))
     return common[0].shape, [np.ascontiguousarray(array).ravel() for array in common]
 

@@ -81,7 +81,7 @@ ROLLER = _floats(
     *("spin", "e_a", "e_p", "f_a", "f_p", "q_a", "q_p", "load", "limit", "slip", "torque"),
     flag="sliding",
 )
-"""State of a roller; ``_a`` is the component along its axis (active), ``_p`` that across it (passive).
+"""State of a roller; fields with ``_a`` are components along its axis, and with ``_p`` across it.
 
     spin       rotational speed [rad/s]
     e_a, e_p   deflection of the tread [m]

@@ -39,13 +39,13 @@ class MagicFormulaConfiguration(Configuration):
     friction: float = parameter(1.25, above=0.0, maximum=10.0)
     """Ratio of the largest force to the wheel load at small loads, a_2"""
     friction_gradient: float = parameter(-0.25 / 3000.0, unit="1/N", minimum=-0.01, maximum=0.01)
-    """Derivative of the ratio of largest force to load with respect to the load, a_1"""
+    """Change of the ratio of largest force to wheel load, divided by the change of the load, a_1"""
     stiffness: float = parameter(62500.0 / 3000.0, above=0.0, maximum=1000.0)
-    """Slope dF/ds at zero slip, divided by the wheel load, at small loads, a_4"""
+    """Ratio of the slope dF/ds at zero slip to the wheel load at small loads, a_4"""
     stiffness_gradient: float = parameter(
         -12500.0 / 3000.0**2, unit="1/N", minimum=-1.0, maximum=1.0
     )
-    """Derivative of the ratio of slope to load with respect to the load, a_3"""
+    """Change of the ratio of slope to wheel load, divided by the change of the load, a_3"""
     shape: float = parameter(1.23, minimum=_SHAPE_RANGE[0], maximum=_SHAPE_RANGE[1])
     """Shape C; at unlimited slip, the force is its peak times sin(C 90 deg)"""
     curvature: float = parameter(-1.3, minimum=_CURVATURE_RANGE[0], maximum=_CURVATURE_RANGE[1])

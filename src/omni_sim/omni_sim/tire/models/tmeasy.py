@@ -150,8 +150,9 @@ def curve_coefficients(curve: TMeasyCurve, load_1: float, load_2: float) -> Floa
         load_2: second nominal load [N].
 
     Returns:
-        ``(a, b)`` [1], [1/N] of slope, peak force and sliding force, then value at zero load [1]
-        and gradient [1/N] of peak slip and sliding slip; shape (10,).
+        Ten numbers, shape (10,): ``a`` [1] and ``b`` [1/N] of the slope, of the peak force and of
+        the sliding force; value at zero load [1] and gradient [1/N] of the peak slip and of the
+        sliding slip.
     """
     coefficients = []
     for value_1, value_2 in (
@@ -256,7 +257,7 @@ def force_at(curve: CurvePoint, slip: float) -> tuple[float, float]:
 def contact(
     demand: float, damping: float, gain: float, speed: float, curve: CurvePoint, sliding: bool
 ) -> tuple[float, float, bool]:
-    """Solve the contact equation; arguments and result as `contact_friction`.
+    """Solve the contact equation; arguments and result are those of `model.contact_friction`.
 
     Up to the peak, the equation is a cubic in ``sigma``, the slip divided by that of the peak.
     Each iteration then needs a single division, which makes it faster than `solve_contact`.
@@ -321,8 +322,8 @@ def _start(seen: Landmarks) -> FloatArray:
 def _values(unknowns: FloatArray) -> FloatArray:
     """Return the parameters of a curve for the unknowns of a fit, in the order of `_FITTED`.
 
-    Instead of slip and force of sliding, the unknowns contain their ratios to slip and force of the
-    peak.
+    Both differ in the slip and force of full sliding: the unknowns are their ratios to the slip and
+    force of the peak.
     """
     values = np.copy(unknowns)
     values[6:8] *= values[2:4]
