@@ -16,11 +16,11 @@ def install(
     """Install the package in this folder, by its ``package.xml``, as an ament_python package.
 
     Args:
-        requires: packages that pip installs for the core; the nodes require ROS too.
-        nodes: module of each node by the name of its executable, see `omni_ros.start`.
+        requires: packages that pip installs for the core; the nodes also require ROS.
+        nodes: module of each node, keyed by the name of its executable, see `omni_ros.start`.
         programs: entry points of other executables, as ``name = module:function``.
-        data: patterns of files next to the modules.
-        shared: pairs of a folder below ``share/<package>`` and its files.
+        data: patterns of the data files in the folders of the modules.
+        shared: pairs of a folder below ``share/<package>`` and the list of its files.
     """
     package = ElementTree.parse("package.xml").getroot()
     name = str(package.findtext("name"))

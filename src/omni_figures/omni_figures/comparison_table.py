@@ -23,10 +23,10 @@ _NAME_PART = re.compile(r".[^/_ -]*[/_ -]?")  # a heading may wrap after each pa
 class ComparisonTable:
     """Table with a row for each quantity and a column for each variant.
 
-    If the terminal is too narrow for all variants, the remaining ones follow in further tables, so
-    that numbers never wrap; names may wrap. A value that misses its limit is marked with ``!``. If
-    the dissertation gives a value, it follows in parentheses. A dash stands for an undefined
-    quantity; the reason is below the table.
+    If the terminal is too narrow for all variants, the remaining variants follow in further tables.
+    Names may wrap, but numbers never do. A value that misses its limit is marked with ``!``. The
+    value in the dissertation, if there is one, follows in parentheses. A dash stands for an
+    undefined quantity; the reason is below the table.
 
     Attributes:
         metrics_by_variant: results of `run_metrics`, keyed by variant, in the order of the columns.
@@ -112,7 +112,9 @@ def _wrapped(name: str, width: int) -> Text:
 
 
 def in_small_units(entries: Sequence[Metric | None]) -> tuple[str, list[Metric | None]]:
-    """Return the unit and the entries of a row, in millimeters if all are lengths below 0.2 m.
+    """Return the unit and the entries of a row, with lengths below 0.2 m in millimeters.
+
+    Lengths are converted only if all lengths of the row are below 0.2 m.
 
     Args:
         entries: entry of each column; None if the variant of the column does not have the quantity.

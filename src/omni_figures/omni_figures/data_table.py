@@ -39,7 +39,7 @@ def write_cases(path: Path, head: str, cases: Mapping[str, Mapping[str, Any]]) -
 
     Args:
         path: path of the file.
-        head: heading of the column that contains the cases.
+        head: heading of the first column, which contains the names of the cases.
         cases: values of each case, keyed by case and then by column name.
     """
     names = list(dict.fromkeys(name for entries in cases.values() for name in entries))

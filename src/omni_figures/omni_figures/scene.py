@@ -80,7 +80,10 @@ class Scene:
 
     @property
     def load_arm(self) -> FloatArray | None:
-        """Ends of the line from the chassis to a load outside it [m], shape (2, 2), or None."""
+        """Ends of the line from the chassis to a load outside it [m], shape (2, 2).
+
+        None if there is no load outside the chassis.
+        """
         if self.load is None:
             return None
         load = np.array(self.load)
@@ -96,19 +99,24 @@ class Scene:
 
 
 def rectangle(length: float, width: float) -> FloatArray:
-    """Return the corners of a rectangle about the origin, `length` [m] along x, shape (4, 2)."""
+    """Return the corners of a rectangle around the origin [m], `length` along x, shape (4, 2)."""
     return np.array([(1, 1), (-1, 1), (-1, -1), (1, -1)]) * (length / 2.0, width / 2.0)
 
 
 def placed(points: FloatArray, pose: tuple[float, float, float] | FloatArray) -> FloatArray:
-    """Transform points (M, 2) [m] from a frame at `pose` (x, y, yaw [m, m, rad]) to the world."""
+    """Return points of a frame in world coordinates [m], shape (M, 2).
+
+    Args:
+        points: points in the frame [m], shape (M, 2).
+        pose: x, y [m] and yaw [rad] of the frame in the world.
+    """
     cos, sin = math.cos(pose[2]), math.sin(pose[2])
     turned = points @ np.array([(cos, sin), (-sin, cos)])
     return np.asarray(turned + np.asarray(pose[:2]), dtype=np.float64)
 
 
 def ahead_up(points: FloatArray) -> FloatArray:
-    """Return points (M, 2) of the body frame, rotated so that forward is up in the figure."""
+    """Return points of the body frame, shape (M, 2), rotated so that forward is up in a figure."""
     return np.column_stack((-points[:, 1], points[:, 0]))
 
 

@@ -3,8 +3,8 @@
 The first snapshot shows the start of braking, and the last snapshot shows the final position.
 Between them, as many snapshots as fit are taken at round times, about equally spaced along the
 longest path of all variants. All variants are shown at the same moments, so that they can be
-compared. If the vehicle or its arrow would overlap an earlier snapshot, a moment shortly before or
-after is used, or the snapshot is omitted.
+compared. If the vehicle or its arrow would overlap an earlier snapshot, the snapshot is shifted to
+a moment shortly before or after, or it is omitted.
 """
 
 import dataclasses

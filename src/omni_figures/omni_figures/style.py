@@ -90,7 +90,7 @@ def note(
 
 
 def time_label(histories: Iterable[RunHistory]) -> str:
-    """Return the label of the time axis: since braking, or since the start if no run brakes."""
+    """Return the label of a time axis that begins with braking, or with the run if none brakes."""
     braking = any(history.brake_start is not None for history in histories)
     return "time since braking" if braking else "time since the start"
 

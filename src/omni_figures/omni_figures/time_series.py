@@ -96,7 +96,7 @@ def _draw_errors(axes: Axes, history: RunHistory, wheels: Sequence[str]) -> None
 
 
 def _draw_brakes(axes: Axes, history: RunHistory, wheels: Sequence[str]) -> None:
-    """Draw one strip per wheel, whose height is the share of the brake pressure."""
+    """Draw a strip for each wheel; its height is the share of the brake pressure on the wheel."""
     axes.grid(False, axis="y")
     axes.set_yticks(range(len(wheels)), [name.replace("_", " ") for name in wheels])
     axes.set_ylim(len(wheels) - 0.4, -0.6)  # the first wheel on top
@@ -138,15 +138,15 @@ def _scale_row(
     share: float = 0.125,
     least: float = 1e-3,
 ) -> None:
-    """Set one scale for all panels of a row; a panel with much smaller values gets its own scale.
+    """Give all panels of a row a common scale, except for panels with much smaller values.
 
-    Such a panel is labeled with its scale.
+    Such a panel gets a scale of its own, which is labeled.
 
     Args:
         row: panels of one quantity.
         shown: values of each panel, all of which are within its limits.
         noisy: values of each panel whose outliers may be cut off.
-        share: share of the common scale below which a panel gets its own scale [1].
+        share: a panel whose values span less than this share of the common scale gets its own [1].
         least: a panel whose values span no more than this keeps the common scale [m/s] or [rad/s].
     """
     common = _limits(shown, noisy)

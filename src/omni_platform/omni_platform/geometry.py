@@ -99,7 +99,10 @@ class PlatformGeometry:
 
     @cached_property
     def rim(self) -> FloatArray:
-        """Return ``R_i u_i . n_wi``: rim speed along n_wi per wheel speed [m], shape (N,)."""
+        """Return the rim speed along each active direction divided by the wheel speed [m].
+
+        This is ``R_i u_i . n_wi``, shape (N,).
+        """
         return np.asarray(self.radius * np.sum(self.active * self.rolling, axis=1))
 
 

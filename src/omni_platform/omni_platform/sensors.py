@@ -15,8 +15,8 @@ from omni_platform.configuration import Configuration, parameter
 from omni_platform.quantities import LARGEST_OFFSET, FloatArray
 
 OVERLAP = 0.6
-"""Smallest share of its field of view that a line must have in common with the next line [1],
-section 4.4."""
+"""Minimum share of the field of view that two consecutive lines must have in common [1]
+(dissertation, section 4.4)."""
 
 
 class Mount(Configuration):
@@ -29,9 +29,8 @@ class Mount(Configuration):
     heading_deg: float = parameter(unit="deg", minimum=-360.0, maximum=360.0)
     """Sensor axis (measuring direction), counter-clockwise from the forward direction"""
     scale_error: float = parameter(0.0, minimum=0.0, maximum=1.0)
-    """Relative standard error of the scale that remains after calibration (`omni
-    calibrate-sensors`); the scale of a camera is pixel pitch times line rate; 0 for an exact
-    scale"""
+    """Relative standard error of the scale after calibration (`omni calibrate-sensors`); 0 for an
+    exact scale. The scale of a camera is pixel pitch times line rate"""
     heading_error_deg: float = parameter(0.0, unit="deg", minimum=0.0, maximum=90.0)
     """Standard error of the axis direction"""
     lever_error: float = parameter(0.0, unit="m", minimum=0.0, maximum=10.0)

@@ -76,10 +76,12 @@ class RecorderConfiguration(Configuration):
 class StampedRecording:
     """Writes each message with its own stamp, so that a recording does not depend on timing.
 
-    A list of stamped messages receives the stamp of its first message if this stamp is plausible. A
-    message without a stamp receives the latest stamp of any topic. Several nodes publish on a
-    shared topic (`SHARED_TOPICS`). Its messages are buffered for one second, measured by the
-    stamps, and sorted by stamp, so that their order does not depend on the speed of the nodes.
+    A message that is a list of stamped messages receives the stamp of its first element if this
+    stamp is plausible. A message without a stamp receives the latest stamp of any topic.
+
+    Several nodes publish on a shared topic (`SHARED_TOPICS`). The messages on this topic are
+    buffered until the stamps have advanced by one second, and are then written in the order of
+    their stamps. The order therefore does not depend on the speed of the nodes.
 
     Args:
         writer: the recording.

@@ -15,8 +15,8 @@ _UNFIT = (AttributeError, IndexError, KeyError, TypeError)
 class SafeLoader(yaml.composer.Composer, yaml.CSafeLoader):
     """YAML loader for plain values, which are limited in number and cannot contain themselves.
 
-    libyaml parses the text and Python composes it, because deep nesting would crash libyaml's
-    composer.
+    libyaml parses the text, and Python code composes the nodes, because deep nesting would crash
+    libyaml's composer.
     """
 
     def __init__(self, text: str) -> None:

@@ -205,9 +205,9 @@ class Rosbag2Writer:
         return channels
 
     def _commit(self) -> None:
-        """Remember the present end of the file as the end of its last complete chunk.
+        """Write a finished chunk to the file, and store its end in `_safe_end`.
 
-        A chunk is complete only if the disk also has space for the end of an MCAP file after it.
+        This fails if the disk has no space for the end of an MCAP file after the chunk.
         """
         self._file.flush()
         descriptor, end = self._file.fileno(), self._file.tell()

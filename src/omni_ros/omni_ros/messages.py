@@ -67,8 +67,7 @@ def to_nanoseconds(stamp: Time) -> int:
 def _nanoseconds(seconds: int, nanoseconds: int) -> int:
     """Return the sum [ns] of the two parts of a stamp.
 
-    An invalid part of a second or more of nanoseconds counts as the end of its second, so that the
-    result fits into a message.
+    `nanoseconds` is limited to the end of the second, because it is invalid from 1e9 on.
     """
     return seconds * SECOND_NS + min(nanoseconds, SECOND_NS - 1)
 
@@ -79,8 +78,8 @@ def leading_stamp(data: bytes, of_list: bool = False) -> int | None:
     Args:
         data: message in CDR with its encapsulation header; the message type must begin with a
             `builtin_interfaces/Time`.
-        of_list: whether the message begins with a list of messages of such a type; the stamp of the
-            first message in the list is then returned.
+        of_list: whether the message begins instead with a list of messages of such a type; the
+            stamp of the first message in the list is then returned.
 
     Returns:
         The stamp; None if it is missing or negative, which a recording cannot contain.
@@ -95,10 +94,10 @@ def leading_stamp(data: bytes, of_list: bool = False) -> int | None:
 
 
 def stamped(kind: type[_Message], stamp_ns: int, frame: str = "") -> _Message:
-    """Return a new message of a type that has a header, with a stamp [ns] and a frame in it.
+    """Return a new message whose header contains a stamp [ns] and a frame.
 
-    A new message always creates its own header. Filling in this header is faster than creating a
-    second one and passing it to the message.
+    A message always creates a header of its own. Filling in this header is faster than creating a
+    second header and passing it to the message.
     """
     message = kind()
     head: Header = message.header  # type: ignore[attr-defined]
@@ -263,7 +262,7 @@ def line_image(stamp_ns: int, frame: str, lines: LineArray) -> bytes:
 
 
 def read_line_image(wire: bytes) -> LineImage | Image:
-    """Return an image from its serialized form; this is four times as fast as with rclpy.
+    """Return an image from its serialized form, four times as fast as rclpy.
 
     Raises:
         ValueError: the message is incomplete.
@@ -300,14 +299,15 @@ def _text_at(wire: bytes, start: int, length: int, gap: bool = True) -> tuple[st
 def camera_info(frame: str, pixels: int, length: float, width: float = 0.0) -> CameraInfo:
     """Return a message with the size and scale of a line camera.
 
-    The image has one row. ``k[0]`` is the scale along the axis [px/m on the ground], ``k[4]`` the
-    scale across the axis (one pixel per width of the field of view), and ``k[2]`` the center [px].
+    The image has one row. ``k[0]`` is the scale along the axis, in pixels per meter on the ground.
+    ``k[4]`` is the scale across the axis, one pixel per width of the field of view. ``k[2]`` is the
+    center [px].
 
     Args:
         frame: frame of the sensor.
         pixels: number of pixels per line.
-        length: field of view along the axis [m]; 0 if unknown, which makes all entries zero, as for
-            an uncalibrated camera in ROS.
+        length: field of view along the axis [m]; 0 if unknown. All scales are then zero, as for an
+            uncalibrated camera in ROS.
         width: field of view across the axis [m]; 0 if unknown.
     """
     info = stamped(CameraInfo, 0, frame)
@@ -348,12 +348,17 @@ def lines_of(message: Image | LineImage) -> LineArray:
 def diagnostics(
     stamp_ns: int, name: str, level: int, message: str, values: Mapping[str, str]
 ) -> bytes:
-    """Return a serialized message with the status of one component.
+    """Return a `DiagnosticArray` with the status of one component, serialized in CDR.
 
-    The level is 0 OK, 1 warning, 2 error or 3 stale.
+    The padding of the result is zero. The middleware would not initialize the padding, so
+    recordings of equal runs would differ.
 
-    The result is a serialized `DiagnosticArray` (CDR, little endian) whose padding is zero. The
-    middleware would not initialize the padding, so recordings of equal runs would differ.
+    Args:
+        stamp_ns: stamp [ns].
+        name: name of the component.
+        level: 0 OK, 1 warning, 2 error or 3 stale.
+        message: one line of text.
+        values: details as texts, keyed by name.
     """
     written = _Cdr()
     written.stamp(stamp_ns)
@@ -370,7 +375,7 @@ def diagnostics(
 
 
 class _Cdr(bytearray):
-    """Serialized message after its first four bytes."""
+    """Serialized message (CDR, little endian) without its encapsulation header of four bytes."""
 
     def numbers(self, *values: int) -> None:
         for value in values:
@@ -391,7 +396,7 @@ def _doubles(values: FloatArray) -> array[float]:
 
 
 def _spatial(covariance: FloatArray) -> FloatArray:
-    """Return a planar covariance, shape (3, 3), as the 6 x 6 covariance of a message, shape (36,).
+    """Return a planar covariance, shape (3, 3), as the covariance in a message, shape (36,).
 
     The planar axes are x, y and rotation about z. The other three axes get the variance of
     unmeasured values, because a node that fuses the message, such as `robot_localization`, would

@@ -100,10 +100,11 @@ def run_process(make_node: Callable[[], Node], run: Callable[[Node, Spinner], No
 
 @contextlib.contextmanager
 def _limited_construction(stop: StopFlag) -> Iterator[None]:
-    """End the process if a signal arrives in this block and the block does not end in time.
+    """Limit the time for which the construction of a node continues after a signal.
 
-    A subscription acknowledges messages before the construction of its node ends. If a signal ended
-    the process immediately, these messages would be lost.
+    If the block does not end in this time, the process ends. It does not end immediately, because a
+    subscription acknowledges messages before the construction of its node ends, and these messages
+    would be lost.
     """
 
     def request(number: int, *_: object) -> None:
@@ -202,9 +203,9 @@ def spin_until_stopped(_node: Node, spinner: Spinner) -> None:
 
 
 def _end_with_parent() -> None:
-    """Ask the kernel for SIGTERM when the process that started the graph dies.
+    """Make the kernel send SIGTERM to this process when its parent process dies.
 
-    This is done only if `PARENT_PID_VARIABLE`, which the bring-up sets, names this process. A node
+    This is done only if the bring-up has started this process and set `PARENT_PID_VARIABLE`. A node
     that was started by hand continues after its shell ends, as usual.
     """
     parent = os.environ.get(environment.PARENT_PID_VARIABLE)
@@ -221,10 +222,10 @@ def _flush_publishers(
 ) -> None:
     """Wait until the readers have acknowledged all reliable messages, before the process exits.
 
-    The wait lasts at most `longest` [s], or `interrupted` [s] after Ctrl-C. If an acknowledgment
-    is missing, the message may be on its way again (3 s with the middleware's defaults), or the
-    reader is dead; a writer cannot distinguish the two cases. A process that starts nodes and knows
-    that no reader is left therefore sends a second SIGTERM to end the wait.
+    The wait lasts at most `longest` [s], or `interrupted` [s] after Ctrl-C. If an acknowledgment is
+    missing, the middleware may be repeating the message, which takes 3 s with its defaults, or the
+    reader may be dead. A writer cannot distinguish these two cases. A process that starts nodes and
+    knows that no reader is left therefore sends a second SIGTERM to end the wait.
     """
     # After Ctrl-C, a person is waiting for the process to end.
     deadline = time.monotonic() + (interrupted if stop.is_interrupt else longest)  # [s]

@@ -34,7 +34,7 @@ class PublisherGuard:
         self._rival: str | None = None
 
     def second(self) -> str | None:
-        """Return a sentence about a topic with several publishers; None without such a topic."""
+        """Return a sentence about a topic with several publishers; None if no topic has several."""
         for subscription in self._subscribed:
             if subscription.get_publisher_count() > 1:
                 return self._sentence(subscription.topic_name)

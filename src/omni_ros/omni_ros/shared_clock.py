@@ -10,10 +10,9 @@ from omni_ros.qos import advertise
 
 
 class SharedClock:
-    """Publishes `/clock` only if no other node does, so that the time never decreases.
+    """Publishes `/clock` only while no other node does, so that the time never decreases.
 
-    If other simulators run already, this simulator creates its publisher of `/clock` after theirs
-    have ended.
+    If other simulators publish already, this simulator waits until they have ended.
 
     Args:
         node: the node that publishes.

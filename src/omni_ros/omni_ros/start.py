@@ -1,5 +1,6 @@
-"""Start of the process of a node; a signal during the imports ends the process without a traceback.
+"""Start of the process of a node.
 
+A signal during the imports ends the process without a traceback.
 For each executable of a package, an entry point of the group `NODES` names the module to run.
 """
 

@@ -28,7 +28,7 @@ class StatusConfiguration(Configuration):
 
 @dataclasses.dataclass(frozen=True)
 class Status:
-    """Status of a node.
+    """Health of a node: severity, description and details.
 
     Attributes:
         level: 0 OK, 1 warning, 2 error.

@@ -35,15 +35,16 @@ class BrakeAdapterConfiguration(Configuration):
     max_torque: float = parameter(10.0, unit="N m", above=0.0, maximum=1.0e6)
     """Braking torque of a wheel at full demand, for torque drives"""
     standstill_speed: float = parameter(0.5, unit="rad/s", above=0.0, maximum=100.0)
-    """Wheel speed below which a torque command decreases to zero, so that it never drives the
-    wheel"""
+    """Wheel speed below which a torque command decreases in proportion to the speed, so that it
+    never drives the wheel"""
     ramp: float = parameter(50.0, unit="rad/s^2", above=0.0, maximum=1.0e5)
     """Deceleration with which the speed command of a braked wheel decreases, for velocity drives"""
     minimum_dwell_time: float = parameter(0.0, unit="s", minimum=0.0, maximum=10.0)
     """Minimum time between the application of a brake and its next release, for spring-applied
     brakes"""
     enable_timeout: float = parameter(0.05, unit="s", above=0.0, maximum=1.0)
-    """Time without a message of enables, and age of the enables, above which all brakes are on"""
+    """Limit on the time since the last message of enables, and on the age of its stamp; beyond it,
+    all brakes are on"""
 
     def check_consistency(self) -> None:
         """Check that wheels are given and that no wheel is named twice."""

@@ -52,9 +52,9 @@ class TopicsConfiguration(Configuration):
     """Type of the commands: Float64MultiArray for a forward_command_controller, or JointState with
     the commands in effort"""
     pedal: str = parameter("joint_state", choices=tuple(_PEDALS))
-    """Type of the demand: 'joint_state' for brake/pedal of another node; 'bool' or 'float' on
-    pedal_input, or 'twist' or 'twist_stamped' on cmd_vel (a zero command brakes), which this node
-    then publishes as brake/pedal"""
+    """Source of the braking demand: 'joint_state' for the topic brake/pedal; 'bool' or 'float' for
+    the topic pedal_input; 'twist' or 'twist_stamped' for the topic cmd_vel, where a zero command
+    brakes. Except with 'joint_state', this node publishes the demand on brake/pedal"""
     estop: bool = parameter(False)
     """Whether Bool messages on estop are required; true requests full braking"""
     pedal_timeout: float = parameter(0.1, unit="s", above=0.0, maximum=2.0)
@@ -157,8 +157,8 @@ class BrakeAdapterNode(Node):
     def _demand(self) -> tuple[WheelDemand, str]:
         """Return the inputs of the brake adapter, and a description of problems (empty if none).
 
-        A missing, late or invalid pedal position or enable is replaced by full braking, missing
-        wheel speeds by NaN, and missing commands for the drives by zero.
+        A pedal position or an enable that is missing, late or invalid is replaced by full braking.
+        Missing wheel speeds are NaN. Missing commands for the drives are zero.
         """
         timeout, enable_timeout = self._topics.pedal_timeout, self._configuration.enable_timeout
         problems = []
@@ -215,13 +215,13 @@ class BrakeAdapterNode(Node):
 
 
 def _rows(names: Sequence[str]) -> dict[str, int]:
-    """Return the row of each name; a repeated name is ambiguous, so it counts as missing."""
+    """Return the row of each name that occurs exactly once; a repeated name would be ambiguous."""
     counts = Counter(names)
     return {name: row for row, name in enumerate(names) if counts[name] == 1}
 
 
 def _column(values: Sequence[float], rows: dict[str, int], names: Sequence[str]) -> FloatArray:
-    """Return the values of some names; NaN, which releases no brake, for a missing one."""
+    """Return the value of each name, shape (N,); NaN, which releases no brake, if it is missing."""
     found = (rows.get(name, len(values)) for name in names)
     return np.array([values[row] if row < len(values) else math.nan for row in found])
 

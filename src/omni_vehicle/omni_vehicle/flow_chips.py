@@ -33,9 +33,9 @@ class _Pixart(enum.IntEnum):
     MOTION_REGISTER = 0x16
     ORIENTATION_REGISTER = 0x5B
     MOVED = 0x80
-    """Bit of the motion register"""
+    """Bit of the motion register that is set if the ground has moved since the last reading"""
     DARK = 0x1F
-    """Upper byte of the longest exposure"""
+    """Upper byte of the exposure time at its limit, which means that the ground is too dark"""
 
 
 class _OtosStatus(enum.IntEnum):
@@ -103,7 +103,7 @@ class FlowChipConfiguration(Configuration):
     invert_y: bool = parameter(False)
     """Whether the chip negates its y counts"""
     swap_xy: bool = parameter(False)
-    """Whether the chip first exchanges x and y"""
+    """Whether the chip exchanges its x and y counts, before it negates them"""
     minimum_quality: int = parameter(25, minimum=0, maximum=255)
     """Minimum surface quality (SQUAL) of a valid reading"""
     maximum_speed: float = parameter(0.0, unit="m/s", minimum=0.0, maximum=100.0)
@@ -113,7 +113,7 @@ class FlowChipConfiguration(Configuration):
     """Limit on the time between two readings of a PMW3901 or PAA5100; after a longer time, the
     counts are not converted to a velocity"""
     relative_deviation: float = parameter(0.03, minimum=0.0, maximum=1.0)
-    """Standard deviation of the velocity that errors of height and scale cause, divided by speed"""
+    """Standard deviation of the velocity due to errors of height and scale, divided by the speed"""
     linear_scalar: float = parameter(1.0, minimum=0.872, maximum=1.127)
     """Scale factor of an OTOS's distances"""
 

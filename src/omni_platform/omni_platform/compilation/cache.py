@@ -193,7 +193,7 @@ def _names(code: CodeType) -> Iterator[str]:
 
 
 def _describe(value: Any, callees: list[FunctionType]) -> str:  # noqa: PLR0911
-    """Return a text that differs for different values; append functions in them to `callees`."""
+    """Return a text that identifies a value, and append the functions in the value to `callees`."""
     if type(value) in _PLAIN:  # most constants
         return repr(value)
     if isinstance(value, Dispatcher):

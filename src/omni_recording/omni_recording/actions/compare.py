@@ -22,11 +22,12 @@ class TopicComparison:
         second: number of messages in the second recording.
         identical: number of message pairs with the same bytes.
         unpaired: number of messages whose stamp does not occur in the other recording.
-        different_texts: number of message pairs that differ in a text, in the names of their
-            columns (plain values), or in which columns are NaN.
-        largest_difference: largest absolute difference between two values, in the unit of the
-            column.
-        worst: column and stamp [ns] of the largest difference; empty if all values agree.
+        different_texts: number of message pairs that differ in a text, in the names or types of
+            their plain values, or in a value that is NaN in only one of the messages.
+        largest_difference: largest absolute difference between two values, in the unit of their
+            field.
+        worst: name of the value with the largest difference, and stamp of its messages [ns]; empty
+            if all values agree.
     """
 
     topic: str

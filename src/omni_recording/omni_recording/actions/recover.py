@@ -94,7 +94,7 @@ def _whole_messages(
     Args:
         files: MCAP files of the recording.
         problems: list to which the defects of the files are added.
-        channels: list to which the channels of each completely yielded file are added.
+        channels: list to which the channels of a file are added after its messages.
     """
     for file in files:
 
@@ -131,7 +131,7 @@ def _topic(path: Path, channel: mcap.RecordedChannel) -> RecordedTopic:
 
 
 def _qos(metadata: Mapping[str, str]) -> RecordedQos:
-    """Return the QoS that the publisher of a channel offered.
+    """Return the quality of service that the publisher of a channel offered.
 
     Args:
         metadata: metadata of the channel; without a valid QoS, rosbag2's default is returned.
