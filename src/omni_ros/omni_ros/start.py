@@ -1,7 +1,7 @@
 """Start of the process of a node.
 
-A signal during the imports ends the process without a traceback.
-For each executable of a package, an entry point of the group `NODES` names the module to run.
+A signal during the imports ends the process without a traceback. For each executable of a package,
+an entry point of the group `NODES` names the module to run.
 """
 
 import atexit
