@@ -179,8 +179,8 @@ def roller_step(
         mobility = hub.mobility + passive_mobility * q[1] * q[1]
         pulled = Hub(lever[0] * q[0] + lever[1] * q[1], hub_a * q[0] + hub_p * q[1], mobility)
         after = wheel_step(tire, curve, along, pulled, wheel, drive)
-        # The force that a sticking patch would need at the wheel's new speed, with each component
-        # divided by the joint effect of force and sliding, has the direction of both.
+        # Friction and sliding have the direction q. In each component, the force that a sticking
+        # patch would need at the wheel's new speed is q times the effect of friction and sliding.
         size = abs(after.force)
         slid = effective * abs(after.patch_velocity) / stretch
         a = tire.stiffness * deflection[0] - effective * (hub_a - lever[0] * after.speed)
