@@ -22,7 +22,7 @@ class Workspace:
 
     Attributes:
         folder: path of the workspace.
-        program: name of the command, such as ``omni run``, at the beginning of its remarks.
+        program: name of the command, such as ``omni run``, with which its remarks begin.
     """
 
     folder: Path

@@ -65,7 +65,7 @@ class PlanarDisplacement(NamedTuple):
     angle: float
 
     def at(self, x: float, y: float) -> PlanarDisplacement:
-        """Return the displacement of another point of the platform, which is rigid.
+        """Return the displacement of another point of the platform, which is assumed to be rigid.
 
         Args:
             x: coordinate x of the other point relative to this point, forward at the first instant

@@ -48,7 +48,7 @@ class Options(CommandOptions):
 
 
 def run(options: Options, workspace: Workspace) -> Report:
-    """Check the recording, replay it and compare the results with it."""
+    """Check the recording, replay its inputs, and compare the results with its outputs."""
     from omni_bringup.commands.bag import beside
     from omni_bringup.graph.run_folder import time_in_name, unused, write_configuration
     from omni_bringup.replay import plan as plans

@@ -70,7 +70,7 @@ class BrakeFit(NamedTuple):
 
 
 class StopEquations(NamedTuple):
-    """Momentum equations of one stop, divided by the vehicle's mass; K intervals, N wheels.
+    """Momentum equations of a stop with K intervals and N wheels, divided by the vehicle's mass.
 
     Attributes:
         data: data of the stop.
@@ -305,7 +305,7 @@ def _search(equations: Sequence[StopEquations]) -> Any:
     from scipy.optimize import least_squares
 
     def start(times: tuple[float, float]) -> tuple[float, float, float, float]:
-        """Return the smallest sum of squares for fixed times, the best torque, and the times."""
+        """Return the smallest sum of squares for the given times, its torque, and the times."""
         nothing = _differences(equations, np.array([0.0, *times]))
         one = _differences(equations, np.array([1.0, *times])) - nothing
         torque = max(-float(one @ nothing) / max(float(one @ one), 1e-300), 0.0)

@@ -8,7 +8,7 @@ Result = TypeVar("Result")
 
 
 def timed(work: Callable[[], Result]) -> tuple[Result, float]:
-    """Return the result of `work`, and its duration [s], which affects only later chunk sizes."""
+    """Return the result and the duration [s] of `work`; durations only affect later chunk sizes."""
     begin = time.perf_counter()
     result = work()
     return result, time.perf_counter() - begin

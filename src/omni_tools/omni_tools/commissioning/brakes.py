@@ -105,7 +105,7 @@ class Response(NamedTuple):
         return self.slip if self.brake.kind == VELOCITY else self.torque
 
     def predicted(self) -> FloatArray:
-        """Return the torque that `measured` should be, given the demands [N m], shape (T, N)."""
+        """Return the torque that `measured` should equal, given the demands [N m], shape (T, N)."""
         return self._slip_of_command() if self.brake.kind == VELOCITY else self.action()
 
     def _slip_of_command(self) -> FloatArray:
@@ -204,10 +204,9 @@ def _late(response: Response) -> int:
 def exchanged(response: Response) -> tuple[int, int] | None:
     """Return the indices of two exchanged brakes; None if the described order fits best.
 
-    The exchange of these brakes increases the sum of the wheels' correlations most. A correlation
-    is that of measured and predicted torque of a wheel, each minus the mean of all wheels. The mean
-    is subtracted because the pedal acts on all brakes at once. After the exchange, every brake must
-    act.
+    For each wheel, measured and predicted torque are correlated. The mean over all wheels is
+    subtracted from both before, because the pedal acts on all brakes at once. Of all exchanges of
+    two brakes, the result increases the sum of the correlations most. No brake may then be idle.
     """
     torque, late = _without_mean(response.measured(), response.moving), _late(response)
     braking = np.flatnonzero(response.braking & np.any(response.moving, axis=1, keepdims=True))

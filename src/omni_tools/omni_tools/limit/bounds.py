@@ -312,8 +312,8 @@ class _Straight(_Cases):
 
         Heading and direction of motion may each deviate by `KEPT`, so the ends of the range are
         twice this angle. Directions in which the motion does not drive a wheel are special: in
-        exactly such a direction, the locked wheel may exert a force of either sign. Those within
-        the range are therefore included.
+        exactly such a direction, the locked wheel may exert a force of either sign. Such directions
+        within the range are therefore included.
         """
         d, active = self._direction, self.limit.active
         away = np.arctan2(d[0] * active[:, 1] - d[1] * active[:, 0], active @ d)
@@ -389,8 +389,8 @@ def limit_share(
 ) -> metrics.Metric:
     """Return the lower bound of the stopping distance, divided by the distance of a run [1].
 
-    The bound is valid for stops that keep heading and line of motion. It is computed for the same
-    velocity without the yaw rate, and for the largest position of the pedal during the run.
+    The bound is valid for stops that keep heading and line of motion. It is computed for the
+    initial velocity of the run, without its yaw rate, and for its largest position of the pedal.
 
     Args:
         history: history of the run.

@@ -35,7 +35,7 @@ def within_95(ratio: FloatArray) -> BoolArray:
 def undetected(
     ratio: FloatArray, error: FloatArray, least: float = 0.05, deviations: float = 4.0
 ) -> BoolArray:
-    """Return whether each velocity error is undetected: larger than the stated deviation explains.
+    """Return whether each velocity error is undetected: too large for the stated deviation.
 
     Args:
         ratio: ratio of error to stated standard deviation [1], NaN if unmeasured, shape (m,).
@@ -52,14 +52,15 @@ def error_values(
     """Return the mean error that the dissertation defines, and the RMS error in three units.
 
     Args:
-        pixel_error: pixel error in whole pixels, Eq. (84) [px], shape (m,).
+        pixel_error: error in whole pixels, Eq. (84) [px], shape (m,).
         error: error of the refined displacements, without rounding [px], shape (m,).
         pitch: length of a pixel on the ground [m].
         line_rate: lines per second [1/s].
         speed: speed of the motion, to which the velocity error refers, Eq. (85) [m/s].
 
     Returns:
-        Mean magnitude of `pixel_error` [px]; root mean square of `error` in px, mm and per cent.
+        Mean magnitude of `pixel_error` [px]; root mean square of `error` in px, in mm, and in per
+        cent of the speed.
     """
     rmse = math.sqrt(float(np.mean(np.square(error))))
     length = rmse * pitch
@@ -118,7 +119,7 @@ class Matches(NamedTuple):
         """Return the error of the median of each group of consecutive shifts [px] (section 4.6).
 
         Args:
-            group: number n of shifts in a group; an incomplete group at the end is omitted.
+            group: number of shifts in a group; an incomplete group at the end is omitted.
         """
         count = len(self.shift) // group * group
         shift, truth = (v[:count].reshape(-1, group) for v in (self.shift, self.truth))
@@ -216,7 +217,7 @@ def path(
     Args:
         view: field of view of the camera.
         speed: speed of the camera [m/s].
-        angle: angle of its motion from its axis [rad].
+        angle: angle of the motion from the camera's axis [rad].
         lines: number of lines.
         generator: random generator for the position.
         axis: direction of the camera's axis on the ground [rad].
