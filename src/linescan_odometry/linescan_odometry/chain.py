@@ -25,7 +25,7 @@ class LineChain:
         stretch: relative difference between the measured duration of the last batch and its
             duration at the configured line rate [1]; 0 within the tolerance. The velocity may have
             an equal relative error.
-        remark: description of this deviation; empty within the tolerance.
+        remark: description of this difference; empty within the tolerance.
         joined: whether the last batch followed the previous one without a gap.
     """
 

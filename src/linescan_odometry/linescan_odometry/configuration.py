@@ -90,7 +90,7 @@ class OdometryConfiguration(Configuration):
         return {**self.sensors, **self.flow_sensors}
 
     def shift_limit(self, sensor: LineSensor) -> int:
-        """Return the limit on the shifts of a search, n / k rounded down [px]."""
+        """Return the limit on the shift [px]: number of pixels / `shift_divisor`, rounded down."""
         return int(sensor.pixels / self.shift_divisor)
 
     def check_consistency(self) -> None:

@@ -34,7 +34,7 @@ class Plausibility:
         self._stamp_ns: float | None = None
 
     def mark(self, stamp_ns: int, pairs: PairDisplacements) -> int:
-        """Mark implausible displacements as unusable; return how many displacements this rejected.
+        """Mark implausible displacements as unusable; return the number of newly rejected ones.
 
         Args:
             stamp_ns: time of exposure of the newest line [ns].

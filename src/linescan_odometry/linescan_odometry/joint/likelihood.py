@@ -95,8 +95,8 @@ class Expansion(NamedTuple):
         white: spectra of the lines multiplied by the inverse covariance, shape (t, F).
         moments: power of each band, and covariance of neighboring lines in it, shape (2, B).
         step: Newton step in d and a [px], not finite without information, shape (2,).
-        inverse: inverse of the Fisher information on d and a, shape (2, 2); not finite if there is
-            no information on either.
+        inverse: inverse of the Fisher information on d and a, shape (2, 2); not finite if the
+            information is singular.
     """
 
     cut: Cut

@@ -85,7 +85,7 @@ class _Range(NamedTuple):
 
 
 class DirectSearch:
-    """Searches the shift of one line pair after the other; can use the shift of the last pair."""
+    """Finds the shift of one line pair after another, with optional use of the last shift."""
 
     def __init__(self, metric: str, limit: int, window: int = 0, prior_weight: float = 0.0) -> None:
         """Create the search for the lines of one camera.

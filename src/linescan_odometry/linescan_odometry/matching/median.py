@@ -31,7 +31,7 @@ def mark_inliers(
     Args:
         displacement: displacements of m consecutive pairs [px], shape (m,).
         usable: whether each pair has a displacement, shape (m,).
-        group_lines: number n of displacements in the median.
+        group_lines: limit on the number of pairs in a group.
         tolerance: limit on the distance from the median [px].
         inlier: output, whether each displacement agrees, shape (m,).
     """

@@ -161,7 +161,7 @@ class RunningProcess:
         return self.wait_or_kill()
 
     def wait_or_kill(self) -> int:
-        """Wait after a request to stop, and return the exit code; kill the process on a timeout."""
+        """Wait for the requested end of the process, or kill it; return the exit code."""
         deadline = time.monotonic() + self._stop_timeout
         while self.returncode is None and time.monotonic() < deadline:
             self._note_halts()
@@ -185,8 +185,8 @@ class ProcessGroup:
 
     Args:
         environment: environment variables.
-        stop_timeout: time after a request to stop at which the process is killed [s]; longer than a
-            node may wait for the acknowledgment of its last data.
+        stop_timeout: time after which a process is killed if it does not end as requested [s]; must
+            exceed the time for which a node may wait for the acknowledgment of its last data.
     """
 
     def __init__(self, environment: Mapping[str, str], stop_timeout: float = 12.0) -> None:

@@ -68,7 +68,7 @@ def write_summary(document: Mapping[str, Any], folder: Path) -> None:
 
 
 def unfinished_recordings(folder: Path) -> list[Path]:
-    """Return the recordings in a folder of runs whose recorder was killed.
+    """Return those recordings in a folder of runs whose recorder was killed.
 
     The file of such a recording has no index at its end. It can be read up to its last complete
     chunk.

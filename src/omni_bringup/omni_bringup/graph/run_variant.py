@@ -224,7 +224,7 @@ def _follow(
 
 
 def check_report(report: Mapping[str, Any], longest_silence: float = 1.0) -> None:
-    """Check in the simulator's last report that the run finished and that all nodes kept sending.
+    """Check, by the simulator's last report, that the run finished and all nodes kept sending.
 
     Args:
         report: last report of the simulator.

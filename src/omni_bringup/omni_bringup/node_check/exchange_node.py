@@ -59,8 +59,8 @@ class Answer:
     Attributes:
         phase: phase in which the message was received, one of `PHASES`.
         stamp_ns: time stamp of the message [ns].
-        age: delay of the publication of the message after its newest input was sent [s]. This input
-            is the newest one with a stamp up to `stamp_ns`.
+        age: time from sending the newest input to the publication of this message [s]. Inputs with
+            stamps later than `stamp_ns` do not count.
         silence: time from sending the last input of any kind to the publication [s].
         message: the message.
     """
@@ -96,8 +96,8 @@ class Exchange:
         faults: first and last stamp of the gap or of the unusable values [ns], keyed by phase.
         answers: answers in the order in which they were received.
         publishers: whether each publisher on the topic of the answers is reliable.
-        incompatible: for each subscription that receives no inputs because of its QoS, the topic
-            and the reason.
+        incompatible: topic and reason for each subscription of the node that receives no inputs
+            because of its QoS.
         kind: message class of the answers.
     """
 
@@ -184,7 +184,7 @@ class Partner:
 
         Raises:
             WorkError: no publisher appears within a minute, the checked node has ended, or another
-                node of the domain also publishes one of its inputs.
+                node of the domain also publishes an input of the checked node.
         """
         deadline = time.monotonic() + _START
         while not self.publishers(topic):

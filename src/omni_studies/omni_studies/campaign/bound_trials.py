@@ -29,13 +29,13 @@ class BoundTrial(NamedTuple):
     """Results of a stop under each of the `LAWS`, with the bounds.
 
     Attributes:
-        seed: seed of the braking.
+        seed: seed of the random stop.
         vehicle: name of the vehicle's file.
         any_heading: lower bound of the path length of the center of gravity, or an upper estimate
             of this bound [m].
         any_heading_slack: tolerance of this bound [m]; NaN if the upper estimate sufficed.
         straight: lower bound of the distance of a stop that keeps heading and line, or an upper
-            estimate of this bound [m]; NaN if there is no bound or no such stop.
+            estimate of this bound [m]; NaN if there is no bound, or if no run keeps both.
         straight_slack: tolerance of the bound `straight` [m]; NaN if the upper estimate sufficed.
         path_unassisted: path of the center of gravity with all brakes on [m].
         path_sliding_mode: path of the center of gravity with `sliding_mode` [m].

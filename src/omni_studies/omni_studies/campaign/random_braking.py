@@ -98,7 +98,9 @@ class RandomBraking:
         }
 
     def experiment_file(self, seed: int, words: str) -> str:
-        """Return the text of an experiment file that repeats a seed, unassisted and assisted.
+        """Return the text of an experiment file that repeats the stop of a seed, with two variants.
+
+        The variants are the unassisted and the assisted stop.
 
         Args:
             seed: seed of the run.

@@ -54,7 +54,7 @@ _SIZES = {
 }
 _SHARES = ("scale", "echo")  # kinds of fault whose size is a share
 _CHANNELS = {True: ("twist", "gyro", "accelerometer", "encoder"), False: ("twist", "encoder")}
-_BRAKES = ("brake", "open_valve", "stuck_brake")  # entries of `WheelCondition`
+_BRAKES = ("brake", "open_valve", "stuck_brake")  # fields of `WheelCondition`
 # The encoders have 4096 counts, and no lines are rendered. A stop longer than the limit counts as
 # failed.
 _SETTING = (
@@ -69,7 +69,8 @@ class Fault(NamedTuple):
 
     Attributes:
         channel: faulty channel, two channels joined by ``+``, or ``brake``.
-        kind: entry of `FaultConfiguration.kind` or `WheelCondition`.
+        kind: kind of the fault: a value of `FaultConfiguration.kind`, or the field of
+            `WheelCondition` that a brake fault sets.
         axis: index of the faulty axis or wheel; -1 for all.
         onset: time from pressing the pedal to the fault [s].
         amplitude: size of the fault in the unit of the first channel; `_configurations` derives the

@@ -256,9 +256,10 @@ def search(
 ) -> dict[str, float]:
     """Search for the parameters of Table 2 by differential evolution in one process.
 
-    The first search covers the whole range and minimizes the sum of squares. A second search near
-    its result minimizes the sum of fourth powers, which reduces the largest deviation. The
-    result depends only on the seed and the versions of the libraries.
+    The first search covers the whole range and minimizes the sum of squares. The second search
+    covers the surroundings of the first result and minimizes the sum of fourth powers, which
+    reduces the largest deviation. The final result depends only on the seed and the versions of
+    the libraries.
 
     Args:
         bases: variants of ``turn_while_translate``, keyed by case of Table 2.
@@ -268,7 +269,8 @@ def search(
             cost below 1, the second below 0.7^4, where no deviation exceeds 0.7 tolerances.
         refinement: further limit on the number of generations of the second search.
         sound: whether to exclude vehicles with an `assumption_violation`.
-        on_generation: function of the number of a generation and the lowest cost so far.
+        on_generation: function that is called with the number of each generation and the lowest
+            cost so far.
 
     Returns:
         The best candidate found, keyed by the names in `QUANTITIES`.

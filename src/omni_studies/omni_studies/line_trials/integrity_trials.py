@@ -124,8 +124,8 @@ class Ground:
             [rad]; NaN for a random direction.
         dpi: dots per inch of a picture on the ground.
         seed: seed of the pattern.
-        texels: number of texels per period of 0.2 m; 8192 texels are two per pixel of a camera with
-            1024 px over 50 mm.
+        texels: number of texels per period of 0.2 m. With 8192 texels, a camera with 1024 px over
+            50 mm has two texels per pixel.
     """
 
     kind: str

@@ -159,7 +159,7 @@ _QUANTITIES = {"orientation": "orientation change [deg]", "distance": "stopping 
 
 
 def draw_runs(results: Sequence[Outcome]) -> Figure:
-    """Draw the values of each assisted run versus the values of the unassisted run, with limits.
+    """Draw the results of the assisted runs versus those of the unassisted runs, with the limits.
 
     Args:
         results: results of the campaign.

@@ -308,7 +308,7 @@ def zero_crossing_unevenness(vehicle: VehicleConfiguration) -> float:
 
     A jump is the change from one control period to the next, divided by the commanded acceleration.
     The result is the maximum over all directions and over 25 periods before and after the commanded
-    speed is zero. If the vehicle stuck at zero speed for some time, the result would be about 1.
+    speed is zero. If the vehicle stayed at zero speed for some time, the result would be about 1.
     """
     worst = []
     for direction in _DIRECTIONS:

@@ -215,7 +215,7 @@ def _draw_settings(axes: Axes, trials: Sequence[Trial]) -> None:
 
 
 class Cost(NamedTuple):
-    """Effect of brake lag and dwell time on the results that settings can reach.
+    """Best results that settings reach with one brake lag and one dwell time.
 
     Attributes:
         lag: lag of the brakes.
@@ -232,12 +232,12 @@ class Cost(NamedTuple):
 
     @classmethod
     def of(cls, lag: BrakeLag, dwell_time: float, trials: Sequence[Trial], half: float) -> Cost:
-        """Return the effect of one brake lag together with one dwell time.
+        """Return the best results with one brake lag and one dwell time.
 
         Args:
             lag: lag of the brakes.
             dwell_time: minimum dwell time of the valves [s].
-            trials: trials with this lag and this dwell time.
+            trials: all trials, of which those with this lag and this dwell time are used.
             half: half the worst rotation of the unassisted stops [deg].
         """
         tried = [t for t in trials if (t.lag, t.setting.dwell_time) == (lag, dwell_time)]
@@ -246,7 +246,7 @@ class Cost(NamedTuple):
 
 
 def draw_costs(costs: Sequence[Cost]) -> Figure:
-    """Draw the effect of dwell time and lag of the brakes."""
+    """Draw the best results versus the dwell time, for each brake lag."""
     figure, (panels,) = style.panels(
         "Effect of slow valves", 1, 2, size=(9.6, 4.2), x="minimum dwell time [ms]"
     )

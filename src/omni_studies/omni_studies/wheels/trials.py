@@ -19,7 +19,7 @@ SINGLE, CONTACT, ROLLERS = "single", "roller_contact", "rollers"
 
 @dataclasses.dataclass(frozen=True)
 class Trial:
-    """Motion of a vehicle with given inputs, which is simulated with several wheel models.
+    """Initial motion and inputs of a vehicle, which is simulated with several wheel models.
 
     Attributes:
         title: title for figures.

@@ -223,7 +223,7 @@ def after_failure(criterion: MeanError, poses: FloatArray) -> FloatArray:
 def closeness(sensors: Mapping[str, LineSensor]) -> tuple[float, float]:
     """Return two measures of how far a placement is from being singular.
 
-    For a singular placement, at least one of both is 0.
+    For a singular placement, at least one of the two measures is 0.
 
     Returns:
         Spread angle of the axes [deg], at most 45. Its squared sine is the smaller eigenvalue of

@@ -63,7 +63,7 @@ class MountingArea:
         return np.asarray((extent_x <= limit[0]) & (extent_y <= limit[1]))
 
     def wheel_in_the_way(self, poses: FloatArray) -> NDArray[np.int64]:
-        """Return the index of a wheel that is too close to a camera at each pose, otherwise -1."""
+        """Return, for each pose, the index of a wheel too close to the camera; -1 without one."""
         found = np.full(poses.shape[:-1], -1, np.int64)
         for index, (wheel, half) in enumerate(self._wheels):
             close = _overlap(poses, self._grown(), wheel, half)
@@ -84,7 +84,7 @@ class MountingArea:
         return ~_overlap(poses, self._grown(), other, self.half)
 
     def problem(self, names: tuple[str, ...], poses: FloatArray) -> str:
-        """Return the reason why cameras cannot be mounted at these poses; empty if they can be."""
+        """Return the reason why cameras cannot be mounted at the given poses; empty if they can."""
         wheels = tuple(self.scene.wheels)
         for name, pose in zip(names, poses, strict=True):
             if not bool(self.on_chassis(pose)):
@@ -208,8 +208,8 @@ _SECTORS = (
 def named(poses: FloatArray, view: View, *, rounded: bool = True) -> dict[str, LineSensor]:
     """Return cameras at the given poses; the name of a camera describes its position.
 
-    Headings are between -90 and 90 deg and are reversed if necessary, so that a camera along x
-    measures forward motion as positive.
+    A heading outside -90 to 90 deg is reversed, so that a camera along x measures forward motion as
+    positive.
 
     Args:
         poses: x, y [m] and heading [rad], shape (N, 3).

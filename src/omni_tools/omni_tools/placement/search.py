@@ -30,7 +30,7 @@ LATTICE = np.array([1e-3, 1e-3, math.radians(1.0)])
 
 
 class Effort(NamedTuple):
-    """Parameters of the search that determine its effort.
+    """Parameters of the search that determine its accuracy and duration.
 
     Attributes:
         equal: relative increase of the criterion that is accepted in favor of a symmetric placement

@@ -188,10 +188,10 @@ def rim_slips(
     """Return the slip of each wheel along its active direction: 0 if it rolls, 1 if it is locked.
 
     The definition ``(n_w . v_i - omega R (n_w . u_i)) / max(|n_w . v_i|, |omega R (n_w . u_i)|)``
-    is Eqs. (20), (22) with a sign, for a wheel with the active direction ``n_w``, the velocity
+    extends Eqs. (20), (22) by a sign, for a wheel with the active direction ``n_w``, the velocity
     ``v_i`` of its center, the wheel speed ``omega``, the radius ``R`` and the rolling direction
-    ``u_i``. It is relative to the larger speed, because Eq. (20) grows without bound for a locked
-    wheel. If the slip is above 1, the rim turns backward; at rest the slip is NaN.
+    ``u_i``. The slip is relative to the larger speed, because Eq. (20) grows without bound for a
+    locked wheel. If the slip is above 1, the rim turns backward; at rest the slip is NaN.
 
     Args:
         vehicle: vehicle with the wheels of the history, in any order.
