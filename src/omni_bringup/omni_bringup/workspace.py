@@ -40,13 +40,13 @@ class Workspace:
         return ExperimentLibrary(self.config)
 
     def checked_experiments(self) -> ExperimentLibrary:
-        """Return a library that reports each implausible value once on standard error."""
+        """Return a library that reports each implausible value on standard error, but only once."""
         from omni_tools.vehicles.plausibility import RemarkingLibrary
 
         return RemarkingLibrary(self.config, self.note)
 
     def check(self, experiments: Iterable[ExperimentConfiguration]) -> None:
-        """Report each implausible value in the experiments once on standard error."""
+        """Report each implausible value in the experiments on standard error, but only once."""
         from omni_tools.vehicles.plausibility import remarks
 
         for remark in dict.fromkeys(words for one in experiments for words in remarks(one)):

@@ -49,7 +49,10 @@ class Quantity:
     decimals: int
 
     def near(self, value: float) -> tuple[float, float]:
-        """Return a value minus and plus a tenth of the range, as limits in `unit`."""
+        """Return lower and upper limits around a value, in `unit`.
+
+        Each limit differs from the value by a tenth of the range, but is within the range.
+        """
         reach = 0.1 * (self.high - self.low)
         return max(value - reach, self.low), min(value + reach, self.high)
 

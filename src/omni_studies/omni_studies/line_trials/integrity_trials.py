@@ -43,10 +43,12 @@ class Motion:
     growth: float = 0.0
 
     def traveled(self, time: FloatArray) -> FloatArray:
-        """Return the time in which the constant initial twist would cover the same path [s].
+        """Return the time in which a constant twist would cover the path of this motion [s].
+
+        The constant twist is the initial twist of this motion.
 
         Args:
-            time: times up to which the path is covered by this motion [s], shape (t,).
+            time: times until which this motion covers its path [s], shape (t,).
         """
         return time + 0.5 * self.growth * time**2
 
