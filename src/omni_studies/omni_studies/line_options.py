@@ -58,7 +58,7 @@ def grounds_option(*grounds: str, prefix: str = "") -> Any:
 
 
 def runs_option(runs: int, run: str = ", with ten line pairs each") -> Any:
-    """Declare the option for the number of random positions; `run` describes the measurement."""
+    """Declare the option for the number of random positions; `run` is added to the help text."""
     return parameter(runs, description=f"random positions{run}", minimum=1, maximum=1000)
 
 

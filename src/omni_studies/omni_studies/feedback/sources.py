@@ -59,8 +59,8 @@ _CHIPS = {
     # Data sheet: 80 mm and more, 7.4 rad/s: 0.74 m/s at 0.1 m; noise 3 % of the speed.
     "PMW3901": (0.02, 0.03, 0.74),
 }
-"""Errors of each chip type: constant standard deviation [m/s], standard deviation and scale error
-relative to the speed [1], and maximum speed [m/s]."""
+"""Properties of each chip type: constant standard deviation [m/s]; error relative to the speed [1],
+used for noise and for the scale error; maximum speed [m/s]."""
 
 
 def _chips(chip: str, count: int, lever: float = 0.4) -> Source:

@@ -18,7 +18,7 @@ ROTATIONS = (0.5, 5.0, 15.0, 30.0)
 
 
 class Stop(NamedTuple):
-    """Stopping distance [m], NaN if no stop was found, and change of heading [deg]."""
+    """Stopping distance [m] and change of heading [deg] of a stop; NaN if no stop was found."""
 
     distance: float
     rotation: float

@@ -326,7 +326,7 @@ def _weights(text: str) -> Sequence[float]:
 
 
 def _cases(given: Mapping[str, Mapping[str, LineSensor]]) -> dict[str, Mapping[str, LineSensor]]:
-    """Return placements keyed by a unique short name instead of the name of their file."""
+    """Return the given placements, keyed by short, unique names made from their file names."""
     cases: dict[str, Mapping[str, LineSensor]] = {}
     for name, sensors in given.items():
         case = Path(name).stem.replace(".", "_")

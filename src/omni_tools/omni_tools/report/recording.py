@@ -1,4 +1,4 @@
-"""Data of a recording for a report, including series with other stamps than the history."""
+"""Data of a recording for a report, including time series that the history does not contain."""
 
 from __future__ import annotations
 
