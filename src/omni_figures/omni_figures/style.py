@@ -73,7 +73,7 @@ def panels(
 
 
 def legend_below(figure: Figure, columns: int) -> None:
-    """Draw one legend of the labels in all axes below a figure, in at most `columns` columns."""
+    """Draw a legend with the labels of all axes below a figure, in at most `columns` columns."""
     found: dict[str, Any] = {}
     for axes in figure.axes:
         handles, labels = axes.get_legend_handles_labels()

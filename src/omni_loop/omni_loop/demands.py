@@ -79,7 +79,7 @@ def _read_recording(path: Path) -> quantities.FloatArray:
 
 
 def _without_repeats(table: quantities.FloatArray) -> quantities.FloatArray:
-    """Remove rows that equal both of their neighbors."""
+    """Return a table without the rows that equal both of their neighbors."""
     same = np.all(table[1:, 1:] == table[:-1, 1:], axis=1)
     kept = np.ones(len(table), bool)
     kept[1:-1] = ~(same[:-1] & same[1:])

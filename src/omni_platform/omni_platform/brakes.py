@@ -48,15 +48,15 @@ class BrakeConfiguration(Configuration):
     max_torque: float = parameter(2000.0, unit="N m", minimum=0.0, maximum=1.0e6)
     """Torque of a wheel's brake when the pedal is fully down"""
     max_power: float = parameter(0.0, unit="W", minimum=0.0, maximum=1.0e9)
-    """Limit on the braking power of a wheel, above which the torque decreases with the speed, as
-    with a braking electric drive (0: no limit)"""
+    """Limit on the braking power of a wheel (0: no limit). At the limit, a higher speed means less
+    torque, as with a braking electric drive"""
     ramp: float = parameter(3.0, unit="m/s^2", above=0.0, maximum=1000.0)
     """Deceleration of the rim that a velocity drive commands when the pedal is fully down"""
     dead_time: float = parameter(0.0, unit="s", minimum=0.0, maximum=1.0)
     """Time after which the pressure in a brake begins to follow pedal and valve"""
     release_time: float = parameter(0.0, unit="s", minimum=0.0, maximum=1.0)
-    """Time after which the pressure begins to fall when a brake is released, if it is longer
-    than dead_time, as with spring-applied brakes (0: dead_time)"""
+    """Dead time for releasing a brake if it is longer than dead_time, as with spring-applied
+    brakes; 0 to use dead_time"""
     time_constant: float = parameter(0.0, unit="s", minimum=0.0, maximum=10.0)
     """Time constant with which the pressure rises and falls after the dead time"""
 

@@ -87,8 +87,8 @@ class ConfigurationError(InputError):
 class ParameterInfo:
     """Properties of a parameter other than its value; a bound that does not exist is None.
 
-    The description is the one given in the declaration or, without one, the string below the field,
-    which is read from the source when it is shown.
+    The description is given in the declaration, or else by the string below the field. This string
+    is read from the source code when it is needed.
 
     Attributes:
         given: description given in the declaration; None if there is none.

@@ -38,8 +38,8 @@ class RecorderConfiguration(Configuration):
     flush_period: float = parameter(0.5, unit="s", above=0.0, maximum=1.0)
     """Limit on the time until a received message is written to the file"""
     synchronize: bool = parameter(False)
-    """Wait for the disk at every flush, so that a power failure loses no more messages than a crash
-    of the recorder"""
+    """Whether every flush waits for the disk, so that a power failure loses no more messages than a
+    crash of the recorder"""
     transforms_from: str = parameter("")
     """Topic of odometry messages whose poses are also recorded on /tf; empty for none"""
     fixed_frames: tuple[str, ...] = parameter(())
@@ -48,8 +48,8 @@ class RecorderConfiguration(Configuration):
     """x [m], y [m] and heading [rad] of each fixed frame, one after the other"""
 
     strict: bool = parameter(True)
-    """End with an error when a topic has a second publisher or its stamps decrease, because the
-    recording may then contain messages of another run"""
+    """Whether the recorder ends with an error when a topic has a second publisher or its stamps
+    decrease, because the recording may then contain messages of another run"""
 
     def check_consistency(self) -> None:
         """Check that required values are not empty and that the lengths of the lists agree."""

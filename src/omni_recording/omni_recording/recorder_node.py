@@ -139,7 +139,7 @@ def record(node: RecorderNode, spinner: process.Spinner) -> None:
 
 
 def _take(node: RecorderNode, spinner: process.Spinner, pause: float = 0.02) -> None:
-    """Store messages in groups, once per `pause` [s]; a wake-up for each message is much slower."""
+    """Store messages in groups, one per `pause` [s]; waking up for each message is slower."""
     # The clock is read here, because a timer of the node would have to wait behind the messages of
     # a busy graph.
     due = time.monotonic() + node.flush_period

@@ -10,7 +10,7 @@ from omni_ros import process
 
 
 class StartupConfiguration(Configuration):
-    """Subscriptions for which a node waits, since they would miss messages before they exist."""
+    """Subscriptions for which a node waits before it publishes, so that none misses a message."""
 
     subscribers: int = parameter(0, minimum=0, maximum=100)
     """Number of subscriptions that each output must have before the node starts to work"""

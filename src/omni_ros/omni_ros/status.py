@@ -72,7 +72,7 @@ class StatusReporter:
             node.create_timer(period, self._repeat, clock=steady_clock())
 
     def update(self, stamp_ns: int, key: Hashable, status: Status) -> None:
-        """Set the status, and publish it if it has changed or was last published a second ago.
+        """Set the status; publish it if it has changed, or a second after its last publication.
 
         Args:
             stamp_ns: stamp of the status [ns].

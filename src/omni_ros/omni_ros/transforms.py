@@ -19,7 +19,7 @@ MISSING = "tf2_msgs is not installed: no live transforms"
 
 
 class TransformPublisher:
-    """Publishes poses on `/tf`, and once the frames that are fixed to the platform on `/tf_static`.
+    """Publishes poses on `/tf`, and the frames that are fixed to the platform on `/tf_static`.
 
     Args:
         node: the node that publishes.

@@ -1,15 +1,16 @@
 """Inertial measurement unit (IMU): yaw rate and specific force at its mounting position.
 
 A reading of the accelerometer is the mean over a control period, as in an IMU that averages its
-samples. Let ``V`` and ``V_before`` be the velocities of the mounting position in the ground plane
-at the end and at the start of the period ``T``, ``R(psi)`` the rotation by the yaw angle, and ``g``
-the component of gravity along this (sloping) plane. Then the specific force is
+samples. The specific force in the body axes at the middle of the period is
 
     f = R(psi)^T ((V - V_before) / T - g)
 
-in the body axes at the middle of the period, rotated by the error of the mounting angle. The gyro
-gives the yaw rate at the stamp. Both sensors have a scale error, a bias, white noise and a latency.
-The nodes that receive the readings do not know these errors.
+``V`` and ``V_before`` are the velocities of the mounting position in the ground plane, at the end
+and at the start of the period ``T``. ``R(psi)`` is the rotation by the yaw angle, and ``g`` the
+component of gravity along the ground plane, which may slope. The reading is ``f``, rotated by the
+error of the mounting angle. The gyro gives the yaw rate at the stamp. Both sensors have a scale
+error, a bias, white noise and a latency. The nodes that receive the readings do not know these
+errors.
 """
 
 import math

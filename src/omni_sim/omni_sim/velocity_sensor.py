@@ -63,7 +63,7 @@ class SensorConstants(NamedTuple):
         fails_from_ns: time at which the fault begins [ns].
         fails_until_ns: time at which the fault ends [ns].
         holds: whether the sensor repeats its last reading during the fault.
-        failed: reading during a fault that does not repeat the last reading, 0 or NaN.
+        failed: reading during any other fault, 0 or NaN.
     """
 
     period_ns: int

@@ -1,8 +1,8 @@
 """Batches of camera lines along a trajectory, rendered in a background thread.
 
-Line j is exposed at the time j / rate. Times are compared with control stamps [ns] as integers, so
-no line is lost or duplicated at the boundary between two control periods. The poses are
-interpolated between the physics steps.
+Line j is exposed at the time j / line rate. Its time is compared with control stamps in integer
+arithmetic, so no line is lost or duplicated at the boundary between two control periods. The poses
+are interpolated between the physics steps.
 """
 
 import math
@@ -104,7 +104,7 @@ class LineClock:
     """Times of the lines of one camera.
 
     Attributes:
-        period_ns: exact line period [ns].
+        period_ns: exact line period as a fraction [ns].
     """
 
     def __init__(self, line_rate: float) -> None:

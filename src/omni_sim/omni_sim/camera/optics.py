@@ -166,8 +166,9 @@ def blur_samples(
 ) -> NDArray[np.int64]:
     """Return the number of instants at which the exposure of each line is rendered, shape (m,).
 
-    Between two instants, the sensor moves by at most a quarter of a pixel along its axis and a
-    sixteenth of its width across it. The number is rounded up to a power of two and limited to 128.
+    Between two instants, the footprint moves by at most a quarter of a pixel along its axis and a
+    sixteenth of its width across the axis. The number is rounded up to a power of two and limited
+    to 128.
 
     Args:
         sensor: the camera, with its true field of view.

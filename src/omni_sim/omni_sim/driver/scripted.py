@@ -70,10 +70,10 @@ class ManeuverConfiguration(Configuration):
     pedal: float = parameter(1.0, minimum=0.0, maximum=1.0)
     """Position of the brake pedal while braking"""
     pedal_ramp_time: float = parameter(0.0, unit="s", minimum=0.0, maximum=60.0)
-    """Time in which the driver presses the pedal to this position"""
+    """Time in which the driver presses the pedal from 0 to the position `pedal`"""
     demands: DemandConfiguration = section(DemandConfiguration)
-    """Table that replaces speed, direction, yaw rate, pedal and their times; in an experiment or
-    with --set, also the name of a CSV file or of a recording"""
+    """Table that replaces speed, direction, yaw rate, pedal and their times. In an experiment or
+    with --set, the name of a CSV file or of a recording may be given instead"""
 
     @property
     def earliest_end(self) -> float:
@@ -147,7 +147,7 @@ class ScriptedDriver:
 
     @property
     def first_change_ns(self) -> int:
-        """Time before which pedal and command keep the values of the start [ns]."""
+        """Time until which pedal and command keep their initial values [ns]."""
         return 0 if self._times.size else self._brake_ns
 
     @property
@@ -174,8 +174,9 @@ class ScriptedDriver:
     def command_twist(self, stamp_ns: int, yaw: float) -> FloatArray:
         """Return the commanded twist of base_link at a time.
 
-        Without a table of demands, the command is constant until the pedal reaches its position, so
-        that the drive does not brake before its clutch opens. From then on, the command is zero.
+        Without a table of demands, the command is constant until the pedal reaches its final
+        position, so that the drive does not brake before its clutch opens. From then on, the
+        command is zero.
 
         Args:
             stamp_ns: time since the start of the run [ns].

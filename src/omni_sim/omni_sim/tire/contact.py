@@ -22,13 +22,15 @@ _TURN_ITERATIONS = 40
 def _root(
     demand: float, viscous: float, gain: float, curve: Any, low: float, high: float, start: float
 ) -> tuple[float, float]:
-    """Solve ``R(s) = demand`` by Newton's method; return slip ``s`` [1] and force ``F`` [N].
+    """Return slip ``s`` [1] and force ``F`` [N] for which ``viscous s + gain F(s) = demand``.
+
+    The equation is solved by Newton's method within a bracket.
 
     Args:
-        demand: ``|A|`` [N].
-        viscous: ``D V`` [N].
-        gain: ``kappa`` [1].
-        curve: curve of any tire model.
+        demand: magnitude of the force that a sticking patch would need, ``|A|`` [N].
+        viscous: damping times the denominator of the slip, ``D V`` [N].
+        gain: factor of the tire force, ``kappa`` [1].
+        curve: curve ``F`` of any tire model.
         low: lower end of the bracket [1].
         high: upper end of the bracket [1].
         start: initial slip; if it is outside the bracket, the bracket's middle is used [1].
@@ -56,12 +58,12 @@ def _root(
 
 @lean
 def _turning_point(viscous: float, gain: float, curve: Any, falling: float, rising: float) -> float:
-    """Return the slip [1] at an extremum of ``R``, by bisection.
+    """Return the slip [1] at an extremum of ``R(s) = viscous s + gain F(s)``, by bisection.
 
     Args:
-        viscous: ``D V`` [N].
-        gain: ``kappa`` [1].
-        curve: curve of any tire model.
+        viscous: damping times the denominator of the slip, ``D V`` [N].
+        gain: factor of the tire force, ``kappa`` [1].
+        curve: curve ``F`` of any tire model.
         falling: a slip at which ``R`` falls [1].
         rising: a slip at which ``R`` rises [1].
     """

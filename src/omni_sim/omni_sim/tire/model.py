@@ -161,7 +161,7 @@ def curve_at(parameters: Any, load: float, friction: float) -> Any:
 
     Args:
         parameters: constants of a model.
-        load: wheel load [N], which the caller has limited to the model's range from 0 on.
+        load: wheel load [N], between 0 and the model's largest load.
         friction: ``mu/mu_0`` [1].
     """
     return _model_of(type(parameters)).curve_at(parameters, load, friction)

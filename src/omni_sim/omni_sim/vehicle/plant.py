@@ -82,13 +82,14 @@ def build_losses(
     masses: MassProperties,
     plant: state.Plant,
 ) -> tuple[state.Plant, state.Losses]:
-    """Return a plant whose mobilities include the forces of passive losses, and these losses.
+    """Return the constants of a vehicle with passive losses, and those of the losses.
 
     Args:
         configuration: configuration of the vehicle.
         kinematics: kinematics of the wheels.
         masses: body and load together.
-        plant: plant from `build_plant`; if there are no losses, it is returned unchanged.
+        plant: plant from `build_plant`. The losses add to its mobilities; it is returned unchanged
+            without losses, and for wheels with individual rollers.
     """
     losses = configuration.passive_losses
     if not losses.active or configuration.wheel_model == "rollers":

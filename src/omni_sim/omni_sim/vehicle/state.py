@@ -184,8 +184,8 @@ class Losses(NamedTuple):
 
     Attributes:
         wheel: constants of each wheel, records of `LOSS`, shape (N,); shape (0,) without losses.
-        constant: part of the ratio of friction to load that does not depend on the load [1].
-        growing: derivative of this ratio with respect to the load, Eq. (19) [1/N].
+        constant: ratio of friction to load at a small load [1].
+        growing: increase of this ratio per unit of load, Eq. (19) [1/N].
         inertia: effective mass of a roller for its surface speed [kg].
     """
 
@@ -204,9 +204,8 @@ class Rollers(NamedTuple):
         stiffness: stiffness of a roller's tread [N/m].
         damping: damping of a roller's tread [N s/m].
         overlap: overlap of the rollers, see `roller_geometry.RollerConfiguration`.
-        constant: part of the ratio of friction at a roller's surface to load that does not depend
-            on the load [1].
-        growing: derivative of this ratio with respect to the load, Eq. (19) [1/N].
+        constant: friction force at a roller's surface divided by the load, at a small load [1].
+        growing: increase of this ratio per unit of load, Eq. (19) [1/N].
         state: state of the n rollers of each wheel, `ROLLER`, shape (N, n).
         push: force [N] and moment about the center of gravity [N m] of each wheel in the last step,
             body frame, shape (N, 3).

@@ -7,15 +7,17 @@ according to
     m z'' = sum F_i - m g,    I_p p'' = sum F_i x_i + h f_x,    I_r r'' = sum F_i y_i + h f_y,
     F_i = max(0, c e_i + d e_i'),    e_i = s_i - (z + p x_i + r y_i),
 
-where ``F_i`` is the load of wheel i, ``e_i`` the compression of its spring, ``c`` and ``d`` are
-stiffness and damping, ``(x_i, y_i)`` is the position of the wheel, ``z`` is the heave of the center
-of gravity, ``p`` and ``r`` are the small gradients of the chassis forward and to the left, ``f`` is
-the force of the wheels along the ground, and ``h`` is the constant height of the center of gravity
-above the ground. ``s_i`` is the height of the road under a wheel above the plane that the vehicle
-follows (`uneven_ground`), minus the mounting height of the wheel and the depth by which the wheel
-sinks into a gap between two rollers. The wheel loads therefore depend on the mounting heights and
-on twisted ground, for which the loads of a rigid vehicle are indeterminate. Rollers with gaps
-excite vibrations.
+Chassis: ``z`` is the heave of the center of gravity, and ``p`` and ``r`` are the small gradients of
+the chassis forward and to the left. ``h`` is the constant height of the center of gravity above the
+ground, and ``f`` is the force of the wheels along the ground.
+
+Wheel i: ``F_i`` is its load, ``e_i`` the compression of its spring, and ``(x_i, y_i)`` its
+position. ``c`` and ``d`` are stiffness and damping of every wheel. ``s_i`` is the height of the
+road under the wheel above the plane that the vehicle follows (`uneven_ground`), minus the mounting
+height of the wheel and the depth by which it sinks into a gap between two rollers.
+
+The wheel loads therefore depend on the mounting heights and on twisted ground, for which the loads
+of a rigid vehicle are indeterminate. Rollers with gaps excite vibrations.
 
 The model neglects the separate mass of the wheels, gyroscopic moments, the displacement of the
 center of gravity due to a tilt of the chassis, and the velocity of the contact points due to pitch
@@ -39,9 +41,9 @@ class SuspensionConfiguration(Configuration):
     """Springs between ground and chassis, one for each wheel; none by default."""
 
     stiffness: float = parameter(0.0, unit="N/m", minimum=0.0, maximum=1.0e8)
-    """Vertical stiffness of each wheel with its suspension; with 0, the wheel loads are those of a
-    rigid chassis on equal springs, and follow the acceleration with the time constant
-    load_transfer_time"""
+    """Vertical stiffness of each wheel with its suspension; 0 for no suspension. The wheel loads
+    are then those of a rigid chassis on equal springs, and follow the acceleration with the time
+    constant load_transfer_time"""
     damping_ratio: float = parameter(0.3, minimum=0.0, maximum=2.0)
     """Damping ratio of the chassis in heave"""
     pitch_inertia: float = parameter(0.0, unit="kg m^2", minimum=0.0, maximum=1.0e9)

@@ -145,8 +145,8 @@ def plane_of_points(
 ) -> tuple[float, float, float, float]:
     """Return the road plane of four points around the projection of a wheel center, Eq. (5).
 
-    With ``r_21`` from back to front and ``r_43`` from right to left, both of horizontal length
-    ``2 distance``, ``e_n = r_21 x r_43 / |r_21 x r_43|``.
+    The unit normal of the plane is ``e_n = r_21 x r_43 / |r_21 x r_43|``. The vector ``r_21`` is
+    from the point behind to the point in front, and ``r_43`` from the right to the left point.
 
     Args:
         front: height of the point before the projection [m].

@@ -12,12 +12,12 @@ or if the wheels of a Mecanum platform roll straight ahead, no roller turns and 
 The force ``f`` along ``u_w`` acts on the vehicle at the wheel, and the torque ``-r_D (u_w . u_i)
 f`` acts on the spin of the wheel:
 
-    f = -(f_r + f_b + C F_z / D sqrt(h_t / w_t)) F_z sign(w) - m_r / 2 dw/dt,
+    f = -(f_r + f_b + C F_z / D sqrt(h_t / w_t)) F_z sign(w) - m_r / 2 dw/dt
 
-where ``f_r`` (rolling resistance) and ``f_b`` (bearing friction) are the parts of the ratio of
-friction to load that do not depend on the load, ``F_z`` is the wheel load, and ``m_r`` the mass of
-the roller. The remaining symbols belong to the part of Eq. (19) that grows with the load:
-elasticity ``C``, roller diameter ``D``, height ``h_t`` and width ``w_t`` of the tread. Rolling
+``F_z`` is the wheel load and ``m_r`` the mass of the roller. ``f_r`` and ``f_b`` are the constant
+ratios of rolling resistance and bearing friction to the load. The remaining symbols belong to the
+part of Eq. (19) that grows with the load: ``C`` is the elasticity of the tread, ``D`` the diameter
+of the roller, and ``h_t`` and ``w_t`` are the height and the width of the tread. Rolling
 resistance and bearing friction hold a roller at rest up to the same force. The roller is a solid
 cylinder, ``I = m_r r^2 / 2``, so its radius does not matter. The model neglects the acceleration of
 a roller that comes into contact, and the rolling resistance of the wheel as a whole. Individual
@@ -35,11 +35,11 @@ class PassiveLossConfiguration(Configuration):
     """Resistance of the rollers of every wheel; none by default."""
 
     rolling_resistance: float = parameter(0.0, minimum=0.0, maximum=1.0)
-    """Rolling resistance of the rollers divided by the load: the part that does not depend on the
-    load, about 0.015 for car tires on concrete"""
+    """Ratio of the rollers' rolling resistance to the load, at a small load; about 0.015 for car
+    tires on concrete"""
     elasticity: float = parameter(0.0, unit="m/N", minimum=0.0, maximum=1.0e-3)
-    """C of Eq. (19), elasticity: the resistance divided by the load grows in proportion to C and
-    to the load"""
+    """C of Eq. (19), elasticity of the tread; the ratio of resistance to load grows in proportion
+    to C and to the load"""
     roller_diameter: float = parameter(0.08, unit="m", minimum=1.0e-3, maximum=10.0)
     """D of Eq. (19), diameter of the rollers"""
     section_ratio: float = parameter(1.0, minimum=0.0, maximum=10.0)
@@ -51,12 +51,12 @@ class PassiveLossConfiguration(Configuration):
 
     @property
     def constant_share(self) -> float:
-        """Part of the ratio of friction to load that does not depend on the load [1]."""
+        """Ratio of friction to load at a small load [1]."""
         return self.rolling_resistance + self.bearing_friction
 
     @property
     def growing_share(self) -> float:
-        """Derivative of the ratio of friction to load with respect to the load, Eq. (19) [1/N]."""
+        """Increase of the ratio of friction to load per unit of load, Eq. (19) [1/N]."""
         return self.elasticity / self.roller_diameter * math.sqrt(self.section_ratio)
 
     @property

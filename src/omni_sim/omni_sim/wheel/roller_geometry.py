@@ -152,7 +152,14 @@ class RollerGeometry:
         )
 
     def active_direction(self, gamma: ArrayLike) -> FloatArray:
-        """Return the unit vector of ``b`` projected on the ground, shape (..., 2)."""
+        """Return the unit vector along the projection of the roller's axis on the ground.
+
+        Args:
+            gamma: wheel angle from the lowest position of the roller [rad], shape (...).
+
+        Returns:
+            Unit vector in the vehicle's frame [1], shape (..., 2).
+        """
         b = self.roller_axis(gamma)[..., :2]
         return np.asarray(b / np.linalg.norm(b, axis=-1, keepdims=True))
 

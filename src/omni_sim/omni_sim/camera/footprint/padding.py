@@ -25,8 +25,8 @@ from omni_sim.texture.texture import GroundTexture
 def average_texels(gray: NDArray[np.uint8], middle: int, averages: NDArray[np.int8]) -> None:
     """Write the rounded means of a texture minus `middle` to ``averages[:, :len(averages)]``.
 
-    Values of one half are rounded up and down in a checkerboard pattern. Always rounding up would
-    increase the means of 2 x 2 texels by an eighth of a gray level.
+    Fractions of one half are rounded alternately up and down, in a checkerboard pattern. Always
+    rounding up would increase the means of 2 x 2 texels by an eighth of a gray level.
 
     Args:
         gray: gray levels of the texture, shape (n, n).

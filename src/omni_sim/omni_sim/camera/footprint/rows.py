@@ -16,13 +16,13 @@ from omni_sim.camera.footprint import blocks
 from omni_sim.camera.footprint.blocks import BLOCK
 
 POINT = 24
-"""Fractional bits of fixed-point positions."""
+"""Number of fractional bits of a fixed-point position."""
 
 ONE = 1 << POINT
 """One texel as a fixed-point position."""
 
 WEIGHT_BITS = 8
-"""Fractional bits of the weights of partly covered rows."""
+"""Number of fractional bits of the weight of a partly covered row."""
 
 CLASSES = 4
 """Number of accumulators, one for each quarter of a texel; the code requires 4."""

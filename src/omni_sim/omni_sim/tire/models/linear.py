@@ -29,7 +29,7 @@ class LinearConfiguration(Configuration):
 
 
 class LinearParameters(NamedTuple):
-    """Constants of the kernels: slope at zero slip and largest force, divided by the load [1]."""
+    """Constants of the kernels: slope at zero slip and largest force, each divided by the load."""
 
     stiffness: float
     friction: float

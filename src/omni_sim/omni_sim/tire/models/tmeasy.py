@@ -86,8 +86,8 @@ def _table_1(direction: str) -> TMeasyCurve:
 class TMeasyConfiguration(Configuration):
     """Parameters of a TMeasy tire; the defaults are those of Table 1.
 
-    The single-roller omni-wheel uses direction ``x`` along its active direction; direction ``y``
-    belongs to the rollers of the wheel with individual rollers.
+    The single-roller omni-wheel uses the curve ``x`` along its active direction. Individual rollers
+    use the curve ``x`` along their axes and the curve ``y`` across their axes.
     """
 
     nominal_load_1: float = parameter(
