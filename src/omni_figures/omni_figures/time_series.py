@@ -117,7 +117,7 @@ def _draw_brakes(axes: Axes, history: RunHistory, wheels: Sequence[str]) -> None
 def _set_scales(
     columns: Sequence[Sequence[Axes]], histories: Sequence[RunHistory], before: float
 ) -> None:
-    """Set the limits of all panels; the time axis starts at `before` [s] before braking."""
+    """Set the limits of all panels; the time axis starts `before` [s] before braking."""
     first = max(-before, min(float(h.braking_time[0]) for h in histories))
     last = max(float(h.braking_time[-1]) for h in histories)
     for axes in (axes for panels in columns for axes in panels):
@@ -146,7 +146,8 @@ def _scale_row(
         row: panels of one quantity.
         shown: values of each panel, all of which are within its limits.
         noisy: values of each panel whose outliers may be cut off.
-        share: a panel whose values span less than this share of the common scale gets its own [1].
+        share: a panel whose values span less than this share of the common scale gets its own
+            scale [1].
         least: a panel whose values span no more than this keeps the common scale [m/s] or [rad/s].
     """
     common = _limits(shown, noisy)

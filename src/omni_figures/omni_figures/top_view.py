@@ -136,7 +136,7 @@ def _share(history: RunHistory, index: int, wheel: str) -> float:
 
 
 def _tinted(color: str, share: float) -> tuple[float, ...]:
-    """Return the RGB values of a mixture of white and `color`, whose share is 0 to 1."""
+    """Return the RGB values of a mixture of white and `color`; `share` of `color` is 0 to 1."""
     return tuple(1.0 - share * (1.0 - part) for part in to_rgb(color))
 
 

@@ -72,7 +72,7 @@ def relative_error(truth: FloatArray, path: FloatArray, delta: float = DELTA) ->
 
 
 def _between(path: FloatArray, first: int, last: int) -> FloatArray:
-    """Return a pose of a path in the frame of another: x, y, yaw [m, m, rad], shape (3,).
+    """Return a pose of a path in the frame of another pose: x, y, yaw [m, m, rad], shape (3,).
 
     Args:
         path: poses x, y, yaw in the world [m, m, rad], shape (T, 3).

@@ -182,7 +182,7 @@ class ExperimentLibrary:
     def named(self, experiment: str, part: str) -> str:
         """Return the file name that an experiment gives for a part such as ``ground``.
 
-        The text is empty if the experiment contains the values of the part itself.
+        An empty text is returned if the experiment contains the values of the part itself.
         """
         found = self._read(_EXPERIMENTS, experiment, "experiment").get(part)
         return found if isinstance(found, str) else ""

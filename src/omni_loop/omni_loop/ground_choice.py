@@ -75,7 +75,8 @@ def prepare_grounds(configurations: Iterable[ExperimentConfiguration], cache: Te
 def is_picture(ground: str) -> bool:
     """Return whether a ground is given as a picture.
 
-    It is one if it has the suffix of an image file, or is an existing file that is not YAML.
+    A ground is a picture if its name has the suffix of an image file, or if it is an existing file
+    that is not YAML.
 
     Args:
         ground: name of a ground or path of a file.

@@ -50,8 +50,8 @@ class PlatformGeometry:
         rolling: ``u_i = n_i x k``, unit rolling directions, shape (N, 2).
         active: ``n_wi``, unit roller axes (active directions), shape (N, 2).
         passive: ``u_wi = n_wi x k``, unit free-rolling directions, shape (N, 2).
-        roller_angle: gamma [rad], shape (N,).
-        radius: R [m], shape (N,).
+        roller_angle: roller angles gamma [rad], shape (N,).
+        radius: radii R of the unloaded wheels [m], shape (N,).
     """
 
     names: tuple[str, ...]

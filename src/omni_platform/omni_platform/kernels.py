@@ -49,7 +49,7 @@ def _defer_blas() -> None:
 
 
 def _defer_transforms() -> None:
-    """Prevent numba from importing `rocket_fft` together with the first kernel, which takes 0.1 s.
+    """Prevent numba from importing `rocket_fft` with the first kernel; the import takes 0.1 s.
 
     Modules whose kernels call numpy.fft import `rocket_fft` themselves. Other extensions of numba
     are loaded as usual.

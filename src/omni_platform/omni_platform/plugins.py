@@ -22,8 +22,9 @@ def described_modules(package: str) -> dict[str, tuple[str, str]]:
         package: dotted name of the package; modules whose names begin with ``_`` are omitted.
 
     Returns:
-        Dictionary from name to (module, sentence). A module gives one entry, its name with the
-        first line of its docstring; a module with ``CASES`` gives the entries of ``CASES`` instead.
+        Module and description, keyed by name. For most modules, the name is that of the module, and
+        the description is the first line of its docstring. A module with ``CASES`` gives one entry
+        for each of its cases instead.
     """
     found: dict[str, tuple[str, str]] = {}
     spec = importlib.util.find_spec(package)

@@ -28,8 +28,8 @@ def flatten(
     Args:
         configuration: the configuration.
         prefix: dotted path that is put before each name.
-        part: base class of the configuration's class; only the fields of this class are returned;
-            None for all fields.
+        part: base class of the configuration's class, of which only the fields are returned; None
+            for all fields.
 
     Returns:
         Values of the types bool, int, float, str, or list of float or str, keyed by parameter name.

@@ -24,8 +24,8 @@ _OF_RCLPY_BELOW = "qos_overrides."
 def declare_configuration(node: Node, cls: type[C], changeable: Collection[str] = ()) -> C:
     """Declare every field of a configuration as a parameter of the node; return the values.
 
-    The parameters have descriptors (description, unit, range). They are read-only, since a node is
-    configured when it starts, except those in `changeable`.
+    The parameters have descriptors (description, unit, range). A node is configured when it starts,
+    so the parameters that are not in `changeable` are read-only.
 
     Args:
         node: node on which the parameters are declared.

@@ -102,9 +102,9 @@ def run_process(make_node: Callable[[], Node], run: Callable[[Node, Spinner], No
 def _limited_construction(stop: StopFlag) -> Iterator[None]:
     """Limit the time for which the construction of a node continues after a signal.
 
-    If the block does not end in this time, the process ends. It does not end immediately, because a
-    subscription acknowledges messages before the construction of its node ends, and these messages
-    would be lost.
+    A signal does not end the process at once, because a subscription acknowledges messages before
+    the construction of its node ends. These messages would be lost. The process ends if the block
+    does not end in time.
     """
 
     def request(number: int, *_: object) -> None:

@@ -23,10 +23,10 @@ def start_lightly() -> None:
     """Disable slow imports and threads; this function must be called before numpy is imported.
 
     numba would import the coverage tool, and the message packages would import a message generator.
-    NumPy and SciPy each contain an OpenBLAS library. It would start threads that wait actively at
-    first, but no matrix of the nodes is large enough to need these threads. Frequent garbage
-    collections would take a tenth of the import time and free nothing. Garbage collections at the
-    exit of the interpreter would take 0.3 s.
+    NumPy and SciPy each contain an OpenBLAS library. Each library would start threads that wait
+    actively at first, but no matrix of the nodes is large enough to need these threads. Frequent
+    garbage collections would take a tenth of the import time and free nothing. Garbage collections
+    at the exit of the interpreter would take 0.3 s.
     """
     gc.set_threshold(_COLLECTION_THRESHOLD)
     atexit.register(gc.freeze)

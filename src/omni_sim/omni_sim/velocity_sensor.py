@@ -19,7 +19,7 @@ from omni_platform.signals import TwistSample
 SMALLEST_DEVIATION = 1e-4
 
 FAILURES = ("none", "frozen", "zero", "invalid")
-"""Kinds of faults: none, or the sensor repeats the last reading, reads 0 or reads NaN."""
+"""Kinds of faults: no fault, or the sensor repeats its last reading, reads 0, or reads NaN."""
 
 
 class VelocitySensorConfiguration(Configuration):

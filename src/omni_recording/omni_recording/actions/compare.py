@@ -42,7 +42,7 @@ class TopicComparison:
     def agrees(self, tolerance: float) -> bool:
         """Return whether there are messages, each has a partner, and all values of the pairs agree.
 
-        Numbers agree within the tolerance, texts exactly.
+        Numbers may differ by the tolerance; texts must be equal.
 
         Args:
             tolerance: limit on the absolute difference, in the unit of the values.

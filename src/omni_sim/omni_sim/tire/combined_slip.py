@@ -124,7 +124,7 @@ def combined_forces(
         slip_x: longitudinal slip, Eq. (1) [1].
         slip_y: lateral slip, Eq. (2) [1].
         load: wheel load [N], limited to the model's range.
-        friction: ``mu/mu_0`` [1].
+        friction: friction factor ``mu/mu_0`` [1].
 
     Returns:
         Longitudinal and lateral forces [N]; their shape is the common shape of the arguments with

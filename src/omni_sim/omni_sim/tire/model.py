@@ -162,7 +162,7 @@ def curve_at(parameters: Any, load: float, friction: float) -> Any:
     Args:
         parameters: constants of a model.
         load: wheel load [N], between 0 and the model's largest load.
-        friction: ``mu/mu_0`` [1].
+        friction: friction factor ``mu/mu_0`` [1].
     """
     return _model_of(type(parameters)).curve_at(parameters, load, friction)
 

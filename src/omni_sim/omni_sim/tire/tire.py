@@ -86,7 +86,7 @@ def steady_forces(
         largest_load: load to which higher loads are limited [N].
         slip: slips [1], shape (n,).
         load: wheel loads [N], shape (n,).
-        friction: ``mu/mu_0`` [1], shape (n,).
+        friction: friction factor ``mu/mu_0`` [1], shape (n,).
         force: output, the forces [N], shape (n,).
     """
     for i in range(slip.size):
@@ -111,7 +111,7 @@ class Tire:
 
         Args:
             load: wheel load [N], limited to the model's range.
-            friction: ``mu/mu_0`` [1].
+            friction: friction factor ``mu/mu_0`` [1].
         """
         clamped = min(max(float(load), 0.0), self.configuration.largest_load)
         curve: Curve = curve_at(self._parameters, clamped, float(friction))
@@ -123,7 +123,7 @@ class Tire:
         Args:
             slip: slip of any sign [1].
             load: wheel load [N], limited to the model's range.
-            friction: ``mu/mu_0`` [1].
+            friction: friction factor ``mu/mu_0`` [1].
 
         Returns:
             Force [N] in the common shape of the arguments.

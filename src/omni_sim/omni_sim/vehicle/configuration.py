@@ -177,9 +177,9 @@ class VehicleConfiguration(Configuration):
                 )
 
     def _check_heights(self) -> None:
-        """Check that mounting heights and gaps between rollers are used only where they can be.
+        """Check that the model of the vehicle supports its mounting heights and roller gaps.
 
-        Both require a suspension. Gaps also require a model with moving contact points.
+        Both require a suspension. Gaps also require moving contact points.
         """
         for place, has in (
             ("conditions", self.by_wheel("mounted").any()),

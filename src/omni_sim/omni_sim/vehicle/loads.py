@@ -54,7 +54,7 @@ class MassProperties:
     """Mass, center of gravity and inertia of the vehicle with its load, for the planar dynamics.
 
     Attributes:
-        mass: m [kg].
+        mass: mass m [kg].
         center: ``r_g``, center of gravity in the body frame [m], shape (2,).
         height: height of the center of gravity above the ground [m].
         yaw_inertia: moment of inertia J about the vertical through the center of gravity [kg m^2].
@@ -136,7 +136,7 @@ def wheel_loads(
         position: wheel contacts relative to the center of gravity [m], shape (N, 2).
         plane: matrix from `load_plane`.
         hull: indices from `support_polygon`.
-        weight: m g [N].
+        weight: weight of the vehicle, m g [N].
         z_x: x of the zero-moment point relative to the center of gravity [m].
         z_y: y of the zero-moment point relative to the center of gravity [m].
         loads: output, the wheel loads [N], shape (N,).

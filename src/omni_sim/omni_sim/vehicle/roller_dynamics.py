@@ -75,7 +75,7 @@ def _step_contact(
 
     Args:
         plant: constants.
-        rollers: rollers; the state of this roller and the sum of forces on the wheel are changed.
+        rollers: all rollers; the state of this roller and `push` of this wheel are changed.
         step: quantities common to all wheels.
         touch: wheel, roller, load and angle of the contact.
         spin: spin of the wheel under all torques except that of this roller.

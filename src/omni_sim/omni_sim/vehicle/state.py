@@ -121,7 +121,7 @@ class Plant(NamedTuple):
         filter_share: weight of the newest acceleration in the low-pass filter [1].
         contact: nominal contacts of the wheels, `CONTACT`, shape (N,).
         radius: radius of the unloaded wheels [m], shape (N,).
-        mobility: W of each wheel, see `dynamics` [1/kg], shape (N,).
+        mobility: sum W of the absolute mobilities of each wheel, see `dynamics` [1/kg], shape (N,).
         rolling: wheel speeds per unit of body twist, Eq. (32), shape (N, 3).
         position: position of the wheels relative to the center of gravity [m], shape (N, 2).
         plane: matrix from `loads.load_plane`, shape (N, 3).
@@ -186,7 +186,7 @@ class Losses(NamedTuple):
         wheel: constants of each wheel, records of `LOSS`, shape (N,); shape (0,) without losses.
         constant: ratio of friction to load at a small load [1].
         growing: increase of this ratio per unit of load, Eq. (19) [1/N].
-        inertia: effective mass of a roller for its surface speed [kg].
+        inertia: moment of inertia of a roller divided by its squared radius [kg].
     """
 
     wheel: Structured
@@ -200,7 +200,7 @@ class Rollers(NamedTuple):
 
     Attributes:
         tire_y: constants of the tire model across the roller's axis.
-        inertia: inertia of a roller [kg m^2].
+        inertia: moment of inertia of a roller about its axis [kg m^2].
         stiffness: stiffness of a roller's tread [N/m].
         damping: damping of a roller's tread [N s/m].
         overlap: overlap of the rollers, see `roller_geometry.RollerConfiguration`.

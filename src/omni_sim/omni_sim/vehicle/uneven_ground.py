@@ -47,8 +47,8 @@ def level(tilt_x: float, tilt_y: float, x: float, y: float) -> tuple[float, floa
     """Return the horizontal components of a vector in the path plane.
 
     Args:
-        tilt_x: ``n_x`` of the path plane [1]; 0 on flat ground, where the vector does not change.
-        tilt_y: ``n_y`` of the path plane [1].
+        tilt_x: component ``n_x`` of the path plane's unit normal [1].
+        tilt_y: component ``n_y`` of the path plane's unit normal [1].
         x: component x of the vector in the frame of the path plane [any unit].
         y: component y of the vector in the frame of the path plane [same unit as x].
     """
@@ -78,7 +78,8 @@ def stand(
 
     Returns:
         Height ``Z`` of the ground under the center of gravity [m]; gradient of the vehicle's plane
-        forward and to the left [1]; ``n_x``, ``n_y`` of the path plane [1]; ``dZ/dyaw`` [m].
+        forward and to the left [1]; components ``n_x``, ``n_y`` of the path plane's unit normal
+        [1]; derivative ``dZ/dyaw`` of the height [m].
     """
     height, forward, left, slope_x, slope_y, turn = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     x, y = place
@@ -108,10 +109,10 @@ def frame_turn(tilt_x: float, tilt_y: float, new_x: float, new_y: float) -> floa
     / (1 + n_z)``. A fixed direction therefore rotates relative to the frame by the opposite angle.
 
     Args:
-        tilt_x: ``n_x`` before the change [1].
-        tilt_y: ``n_y`` before the change [1].
-        new_x: ``n_x`` after the change [1].
-        new_y: ``n_y`` after the change [1].
+        tilt_x: component ``n_x`` of the path plane's unit normal before the change [1].
+        tilt_y: component ``n_y`` before the change [1].
+        new_x: component ``n_x`` after the change [1].
+        new_y: component ``n_y`` after the change [1].
     """
     normal = math.sqrt(1.0 - new_x * new_x - new_y * new_y)
     return (tilt_x * new_y - tilt_y * new_x) / (1.0 + normal)

@@ -65,12 +65,12 @@ def build_brake_pressure(
     """Return the constants and the initial state of brakes without pressure.
 
     Args:
-        time_constant: ``T`` [s]; 0 for no lag.
-        dead_time: ``t_d`` [s].
+        time_constant: time constant ``T`` of the lag [s]; 0 for no lag.
+        dead_time: dead time ``t_d`` of applying a brake [s].
         wheels: number of wheels.
         physics_step: length of a step [s].
         pressure_step: resolution of a valve [1].
-        release_time: ``t_r`` [s]; 0 to use ``t_d``.
+        release_time: dead time ``t_r`` of releasing a brake [s]; 0 to use ``t_d``.
     """
     remainder = mean_remainder = 0.0
     if time_constant > 0.0:

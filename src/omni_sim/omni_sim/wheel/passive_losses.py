@@ -61,7 +61,7 @@ class PassiveLossConfiguration(Configuration):
 
     @property
     def inertia(self) -> float:
-        """Effective mass ``I / r^2 = m_r / 2`` of a roller for its surface speed [kg]."""
+        """Moment of inertia of a roller divided by its squared radius, ``m_r / 2`` [kg]."""
         return 0.5 * self.roller_mass
 
     @property
@@ -92,7 +92,7 @@ def passive_force(
         before: force in the last step [N].
         mobility: change of the surface speed per force [m/s per N].
         capacity: limit on the sum of rolling resistance and bearing friction [N].
-        inertia: effective mass of the roller for its surface speed [kg].
+        inertia: moment of inertia of the roller divided by its squared radius [kg].
         dt: length of the step [s].
     """
     rate = inertia / dt

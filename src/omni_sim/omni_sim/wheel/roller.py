@@ -52,7 +52,7 @@ def load_share(gamma: float, half_pitch: float, overlap: float) -> float:
     Args:
         gamma: wheel angle from the lowest position of this roller [rad], at most `half_pitch` in
             magnitude.
-        half_pitch: ``pi / n`` [rad].
+        half_pitch: half the angle between two rollers, ``pi / n`` [rad].
         overlap: overlap of the rollers, see `roller_geometry.RollerConfiguration`.
     """
     into = (abs(gamma) / half_pitch - 1.0) / (2.0 * overlap) + 0.5
@@ -82,7 +82,8 @@ class RollerHub(NamedTuple):
     """Coupling of a roller's tire with wheel, roller and vehicle in a step.
 
     Attributes:
-        lever: ``r_D u`` in components along the roller's axis and across it [m].
+        lever: rolling radius times rolling direction of the wheel, ``r_D u``, in components along
+            the roller's axis and across it [m].
         velocity: velocity that the vehicle would have at the contact point at the end of the step
             without the force of this roller, along the roller's axis and across it [m/s].
         mobility: change of this velocity per force, in any direction [m/s per N].

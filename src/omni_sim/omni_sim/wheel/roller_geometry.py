@@ -46,7 +46,7 @@ def nearest_roller(angle: float, pitch: float) -> float:
 
     Args:
         angle: angle of the wheel, 0 with roller 0 lowest [rad].
-        pitch: ``2 pi / n`` [rad].
+        pitch: angle between two rollers, ``2 pi / n`` [rad].
     """
     return math.floor(angle / pitch + 0.5)
 
@@ -194,10 +194,11 @@ class RollerConfiguration(Configuration):
     """Parameters of the rollers of every wheel of a vehicle.
 
     A roller is undeflected when it reaches the ground. It develops its full force only if its
-    relaxation length, the slope dF/ds at zero slip divided by the stiffness, is short compared with
-    the distance over which it rolls under the wheel. The default stiffness is typical of solid
-    rubber: with the slope at zero slip of Table 1, the relaxation length is 25 mm, about the length
-    of a roller's contact patch. The relaxation length of the single-roller wheel's tire is 250 mm.
+    relaxation length is short compared with the distance over which it rolls under the wheel. The
+    relaxation length is the slope dF/ds at zero slip, divided by the stiffness. The default
+    stiffness is typical of solid rubber. With the slope of Table 1 it gives a relaxation length of
+    25 mm, about the length of a roller's contact patch. For comparison, the relaxation length of
+    the single-roller wheel's tire is 250 mm.
     """
 
     count: int = parameter(12, minimum=4, maximum=64)

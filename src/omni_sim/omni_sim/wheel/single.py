@@ -47,7 +47,7 @@ class Patch(NamedTuple):
     """State of a tire's contact patch at the start of a step.
 
     Attributes:
-        deflection: ``e`` along the active direction [m].
+        deflection: deflection ``e`` of the tire along the active direction [m].
         speed: ``V = r_D |omega| + v_num``, denominator of the slip [m/s].
         sliding: whether the patch slid in the previous step.
     """

@@ -132,7 +132,7 @@ def place_rows(texels: int, stride: int, placement: Placement, rows: Rows) -> No
 
 @njit(cache=True, nogil=True, inline="always")
 def _rounding(row: int) -> int:
-    """Return a fixed-point number that is added to the shift of a row before it is rounded down.
+    """Return the fixed-point number that is added to a row's shift before rounding it down.
 
     Successive rows have the numbers 1/8, 5/8, 3/8 and 7/8 of a quarter texel (dithering).
     """
@@ -256,7 +256,7 @@ def _four(numbers: IntArray, listed: IntArray) -> tuple[int, int, int, int]:
 
 @njit(cache=True, nogil=True)
 def add_edges(texture: Int8Array, cover: Cover, offsets: IntArray, totals: Int32Array) -> None:
-    """Add the weighted texels of the two rows that each column covers only in part to its total.
+    """Add to each column's total the weighted texels of the two rows that it covers only in part.
 
     The totals are those of the class without a fractional shift; a fractional shift of the two rows
     is ignored. The weights of all rows of a column add up to the footprint's height regardless of

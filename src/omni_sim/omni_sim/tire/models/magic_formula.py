@@ -39,13 +39,13 @@ class MagicFormulaConfiguration(Configuration):
     friction: float = parameter(1.25, above=0.0, maximum=10.0)
     """Ratio of the largest force to the wheel load at small loads, a_2"""
     friction_gradient: float = parameter(-0.25 / 3000.0, unit="1/N", minimum=-0.01, maximum=0.01)
-    """Change of the ratio of largest force to wheel load, divided by the change of the load, a_1"""
+    """Increase of the ratio of largest force to wheel load per unit of load, a_1"""
     stiffness: float = parameter(62500.0 / 3000.0, above=0.0, maximum=1000.0)
     """Ratio of the slope dF/ds at zero slip to the wheel load at small loads, a_4"""
     stiffness_gradient: float = parameter(
         -12500.0 / 3000.0**2, unit="1/N", minimum=-1.0, maximum=1.0
     )
-    """Change of the ratio of slope to wheel load, divided by the change of the load, a_3"""
+    """Increase of the ratio of slope to wheel load per unit of load, a_3"""
     shape: float = parameter(1.23, minimum=_SHAPE_RANGE[0], maximum=_SHAPE_RANGE[1])
     """Shape C; at unlimited slip, the force is its peak times sin(C 90 deg)"""
     curvature: float = parameter(-1.3, minimum=_CURVATURE_RANGE[0], maximum=_CURVATURE_RANGE[1])
@@ -107,12 +107,12 @@ class MagicFormulaCurve(NamedTuple):
 
 @lean
 def unit_curve(shape: float, curvature: float, x: float) -> tuple[float, float]:
-    """Return ``F / D`` [1] and its derivative with respect to ``x = B s`` [1].
+    """Return the force divided by its peak, ``F / D``, and the derivative of this ratio [1].
 
     Args:
-        shape: C [1].
-        curvature: E [1].
-        x: slip in the scale of the unit curve, ``B s`` [1].
+        shape: shape C [1].
+        curvature: curvature E [1].
+        x: scaled slip ``B s`` [1], with respect to which the derivative is taken.
     """
     bend = math.atan(x)
     inner = x - curvature * (x - bend)
@@ -172,10 +172,10 @@ def constants(
     """Return the constants of the kernels for the parameters of the formula.
 
     Args:
-        friction: a_2 [1].
-        friction_gradient: a_1 [1/N].
-        stiffness: a_4 [1].
-        stiffness_gradient: a_3 [1/N].
+        friction: ratio of largest force to load at small loads, a_2 [1].
+        friction_gradient: increase of this ratio per unit of load, a_1 [1/N].
+        stiffness: ratio of slope at zero slip to load at small loads, a_4 [1].
+        stiffness_gradient: increase of this ratio per unit of load, a_3 [1/N].
         shape: C, between 1 and 2.
         curvature: E, below 1.
     """

@@ -219,7 +219,7 @@ def curve_at(parameters: TMeasyParameters, load: float, friction: float) -> Curv
     Args:
         parameters: constants of a direction.
         load: wheel load [N] between 0 and the largest permissible load.
-        friction: ``mu/mu_0`` [1].
+        friction: friction factor ``mu/mu_0`` [1].
     """
     c = parameters.coefficients
     return curve_through(
@@ -297,7 +297,7 @@ def curve_of(
     Args:
         tire: tire with the curves of both directions, as in Table 1.
         load: wheel load [N], limited to the model's range.
-        friction: ``mu/mu_0`` [1].
+        friction: friction factor ``mu/mu_0`` [1].
         direction: ``x`` or ``y``.
     """
     parameters = TMeasyParameters(direction_coefficients(tire, direction))
