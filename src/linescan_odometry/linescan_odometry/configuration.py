@@ -33,7 +33,7 @@ class OdometryConfiguration(Configuration):
     estimates the camera's fixed pattern at the same time; `pairs` uses only line pairs and the
     median filter of section 4.6"""
     metric: str = parameter("pearson", choices=tuple(METRICS))
-    """Distance measure between lines (section 4.3.2)"""
+    """Similarity metric of lines (section 4.3.2), for the method `pairs`"""
     shift_divisor: float = parameter(2.0, minimum=1.1, maximum=64.0)
     """k: the search is limited to shifts of up to n / k, for lines of n pixels"""
     search_window: int = parameter(0, unit="px", minimum=0, maximum=16384)

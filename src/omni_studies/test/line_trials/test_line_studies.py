@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from linescan_odometry.matching.search import METRICS
 from omni_loop.experiment import ExperimentLibrary
 from omni_platform.command_options import parse_options
 from omni_platform.configuration import ConfigurationError
@@ -198,6 +199,10 @@ def test_wider_views_have_less_contrast_and_share_more(
     metrics = study("contrast", tmp_path, *arguments).metrics
     assert metrics["contrast.cork_100"].value < 0.7 * metrics["contrast.cork_20"].value
     assert metrics["correlation.cork_100"].value > 0.2 + metrics["correlation.cork_20"].value
+
+
+def test_the_study_knows_every_similarity_metric() -> None:
+    assert set(grounds._DISTANCES) == set(METRICS)
 
 
 def test_the_distance_is_least_at_the_displacement(tmp_path: Path) -> None:
