@@ -14,7 +14,7 @@ from linescan_odometry.measurements import Unmeasured
 from omni_platform.sensors import LineSensor
 from omni_platform.signals import LineBatch, Lines
 
-_ANEW = 10.0  # batches; a stamp that is older by more means that a recording is played again
+_ANEW = 10.0  # batches; if stamps go back by more than this, a recording is played again
 _WHOLE = 0.75  # share of a batch; a longer gap counts as a missing batch
 
 
@@ -49,12 +49,12 @@ class LineChain:
         self._late = 0.0
 
     def take(self, batch: LineBatch, restart: Callable[[], None]) -> Lines:
-        """Check a batch, and return the result of `join`: at least two consecutive lines.
+        """Return at least two consecutive lines, the result of `join` for a valid batch.
 
         Args:
             batch: batch of the camera; batches must be given in the order of delivery.
-            restart: function that is called if the lines do not follow the lines of the previous
-                batch without a gap.
+            restart: function that is called if the batch is faulty or does not continue the lines
+                of the previous batch.
 
         Raises:
             Unmeasured: the batch is faulty, or there are fewer than two lines.

@@ -161,7 +161,7 @@ class TwistEstimate:
 
     @property
     def reason(self) -> str:
-        """Reason of each sensor that did not measure, such as ``front: no line``, and of a skid."""
+        """Text with the names of sensors that did not measure, their reasons, and the skid."""
         each: dict[str, SensorReading | FlowReading] = {**self.readings, **self.flows}
         reasons = [f"{name}: {r.reason}" for name, r in each.items() if not r.measured]
         return "; ".join(reasons + ([self.skid] if self.skid else []))

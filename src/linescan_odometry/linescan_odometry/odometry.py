@@ -47,10 +47,10 @@ class _Solution:
         count: number of velocities that were used.
         assumed: whether the axle was used.
         scores: normalized residual of each sensor, and of the axle [1], shape (S,) or (S + 1,).
-        leverage: squared error of the twist that one faulty velocity can cause at most, divided by
-            the squared score of this velocity [1]. The error is normalized by the covariance.
-        last_variance: variance of the last velocity in the order of the solver [m^2/s^2]. If there
-            is an axle, this velocity is the axle's.
+        leverage: largest ratio of two squares that one faulty velocity can cause [1]: the error of
+            the twist, normalized by the covariance, and the score of this velocity.
+        last_variance: variance of the last velocity in the order of the solver [m^2/s^2]: of the
+            axle, or of the last sensor if there is no axle.
     """
 
     twist: FloatArray
@@ -187,9 +187,9 @@ class LineScanOdometry:
     def _estimate(
         self, readings: dict[str, SensorReading], flows: dict[str, FlowReading]
     ) -> TwistEstimate:
-        """Return the twist of all sensors that measured and are not found to be faulty.
+        """Return the twist estimated from all valid readings, except those found to be faulty.
 
-        A reading that this method excludes is marked as unmeasured in the result.
+        Excluded readings are marked as unmeasured in the result.
         """
         while True:
             solution = self._solve(readings, flows)
@@ -282,7 +282,8 @@ class LineScanOdometry:
         if not score > limit > 0.0 or too_few:
             return None
         if self._flows:
-            # The two errors of one flow sensor can have the same effect as an error of another one.
+            # Errors along both axes of one flow sensor can have the same effect as an error of
+            # another sensor.
             rivals = np.delete(solution.scores, worst) ** 2 >= score**2 - limit**2
             if rivals.any():
                 return None
@@ -291,10 +292,14 @@ class LineScanOdometry:
     def _wrong_views(
         self, readings: Mapping[str, SensorReading], twist: FloatArray
     ) -> dict[str, SensorReading]:
-        """Return the readings of occluded cameras, or else of cameras over oblique textures.
+        """Return the reading of an occluded camera, marked as unmeasured.
 
-        The readings are marked as unmeasured. The twist must not be computed from faulty sensors,
-        since fault-free cameras would then seem occluded.
+        If no camera is occluded, the readings of cameras over oblique textures are returned.
+
+        Args:
+            readings: readings of all cameras, keyed by name.
+            twist: twist estimated without faulty sensors, shape (3,). With a faulty twist,
+                fault-free cameras would seem occluded.
         """
         if self._covers is None or self._oblique is None:
             return {}
@@ -307,10 +312,10 @@ class LineScanOdometry:
         readings: Mapping[str, SensorReading],
         flows: Mapping[str, FlowReading],
     ) -> TwistEstimate:
-        """Return the twist of a solution after a check of its residuals.
+        """Return the estimate for a solution, after a check of the solution's residuals.
 
-        If the sensors contradict each other, the covariance is increased. If they contradict the
-        kinematic constraint, the estimate contains a description of the skid.
+        If the sensors contradict each other, the covariance is increased. If the sensors contradict
+        the kinematic constraint, the estimate contains a description of the skid.
         """
         limit = self._configuration.contradiction_limit
         score = float(solution.scores.max())
@@ -336,7 +341,7 @@ class LineScanOdometry:
         )
 
     def _skid(self, axle: float, twist: FloatArray, covariance: FloatArray, variance: float) -> str:
-        """Return a description of a violation of the kinematic constraint; otherwise an empty text.
+        """Return a description of a skid; empty if the twist agrees with the constraint.
 
         Args:
             axle: position x of the axle without sideways slip [m].

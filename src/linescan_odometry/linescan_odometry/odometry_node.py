@@ -50,7 +50,7 @@ class InterfaceConfiguration(Configuration):
 
 
 class OdometryNode(Node):
-    """Receives one batch of lines from each camera in each step, and publishes the twist."""
+    """Receives batches of lines and flow measurements, and publishes the twist."""
 
     def __init__(self) -> None:
         super().__init__("linescan_odometry")

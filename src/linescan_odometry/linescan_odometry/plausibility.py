@@ -15,7 +15,10 @@ from omni_platform.sensors import LineSensor
 
 
 class Plausibility:
-    """Rejects displacements that the platform cannot have made since the last measurement."""
+    """Rejects displacements that differ too much from the last measured displacement.
+
+    The limit on the difference follows from the acceleration limit and the elapsed time.
+    """
 
     def __init__(self, sensor: LineSensor, maximum_acceleration: float, tolerance: float) -> None:
         """Create the plausibility check for one line camera.
@@ -27,18 +30,21 @@ class Plausibility:
             tolerance: limit on the error of a displacement, by which the range is widened [px].
         """
         self._period_ns = 1e9 / sensor.line_rate
-        # Limit on the change of the displacement per line [px] within a nanosecond.
+        # Limit on the rate of change of the displacement per line [px/ns].
         self._rate = maximum_acceleration / (sensor.pixel_pitch * sensor.line_rate) * 1e-9
         self._tolerance = tolerance
         self._displacement = 0.0
         self._stamp_ns: float | None = None
 
     def mark(self, stamp_ns: int, pairs: PairDisplacements) -> int:
-        """Mark implausible displacements as unusable; return the number of newly rejected ones.
+        """Mark implausible displacements as unusable, and return their number.
+
+        Displacements that were already unusable are not counted.
 
         Args:
             stamp_ns: time of exposure of the newest line [ns].
-            pairs: displacements of consecutive lines; the last pair ends at the newest line.
+            pairs: displacements of consecutive lines; the last pair ends at the newest line. The
+                array `usable` is changed in place.
         """
         off = pairs.usable & ~self.check(stamp_ns, pairs.displacement)
         pairs.usable[off] = False
@@ -83,7 +89,7 @@ def _mark(
     reach: tuple[float, float],
     plausible: NDArray[np.bool_],
 ) -> None:
-    """Mark the displacements that are within a range around the expected displacement.
+    """Write to `plausible` whether each displacement is close to the expected displacement.
 
     Args:
         displacement: displacements of consecutive pairs of lines [px], shape (m,).
@@ -91,8 +97,9 @@ def _mark(
         period_ns: line period [ns].
         measured_ns: time of the last measurement [ns].
         expected: displacement of the last measurement [px].
-        reach: half width of the range at that time [px], and its growth with time [px/ns].
-        plausible: output, whether each displacement is within the range, shape (m,).
+        reach: permitted difference from `expected` at the time `measured_ns` [px], and the rate at
+            which it grows with the distance from this time [px/ns].
+        plausible: output, whether each displacement is permitted, shape (m,).
     """
     tolerance, rate = reach
     for i in range(len(displacement)):

@@ -25,11 +25,12 @@ from omni_platform.kernels import lean
 from omni_platform.sensors import LineSensor
 from omni_platform.signals import LineBatch, Lines
 
-_FROZEN_PAIRS = 3  # number of identical line pairs that the noise of a working camera rules out
+_FROZEN_PAIRS = 3  # number of identical line pairs that never occurs with the noise of a camera
 _LONGEST_STRETCH = 0.25  # limit on `LineChain.stretch`, above which a batch yields no measurement
 _STATIC_PAIRS = 4  # smallest number of line pairs that prove a static view
 _STATIC_DISPLACEMENT = 0.5  # px, oldest to newest line; if it is larger, the view is not static
-_STATIC_TOLERANCE = 0.002  # allowed loss of correlation beyond twice the loss between neighbors
+# Lines of a static view may lose twice as much correlation as neighboring lines, plus this share.
+_STATIC_TOLERANCE = 0.002
 _BACKGROUND = 16384  # pixels of a batch above which a background thread saves time
 
 
@@ -41,7 +42,7 @@ class Method(Protocol):
 
         Args:
             lines: consecutive lines, oldest first, shape (m + 1, n).
-            plausibility: check whether the platform can have moved by a displacement.
+            plausibility: check for displacements that are impossible for the platform.
             stamp_ns: time of exposure of the newest line [ns].
 
         Raises:
@@ -128,7 +129,7 @@ class SensorOdometry:
             return nothing.reading
 
     def _reading(self, stamp_ns: int, lines: Lines, displacement: Displacement) -> SensorReading:
-        """Return the reading for a displacement: its velocity, and comparisons of the lines.
+        """Return velocity and variance for a displacement, and the results of comparing lines.
 
         Args:
             stamp_ns: time of exposure of the newest line [ns].
@@ -173,7 +174,8 @@ class SensorOdometry:
         if span < _STATIC_PAIRS or abs(displacement.value) * span > _STATIC_DISPLACEMENT:
             return 0.0
         near = _correlation(lines[-2], lines[-1])
-        # Lines of different ground may correlate too, so half of `near` is required at least.
+        # If neighboring lines correlate weakly, the second limit is too low to exclude lines of
+        # different ground.
         least = max(0.5 * near, 2.0 * near - 1.0 - _STATIC_TOLERANCE)
         older = (lines[1], lines[span // 3], lines[span // 2])
         if any(_correlation(line, lines[-1]) <= least for line in older):

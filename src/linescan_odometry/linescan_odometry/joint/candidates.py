@@ -35,7 +35,7 @@ _LAGS = 4  # number of line spacings that are correlated
 
 @kernel
 def lags(lines: int) -> NDArray[np.int64]:
-    """Return the four line spacings at which lines are correlated, 1 to lines / 3, shape (4,)."""
+    """Return the four line spacings at which a batch is correlated, 1 to lines / 3, shape (4,)."""
     distance = np.empty(_LAGS, np.int64)
     for which in range(_LAGS):
         distance[which] = max(1, round((lines / 3.0) ** (which / (_LAGS - 1.0))))
@@ -62,11 +62,11 @@ class Products(NamedTuple):
     """Correlations between the lines of a batch at four line spacings and all frequencies.
 
     Attributes:
-        lagged: mean product of the spectra of two lines at each spacing of `lags`, shape (4, F).
-        newer: mean spectrum of the newer lines of these pairs, shape (4, F).
-        older: mean spectrum of the older lines of these pairs, shape (4, F).
+        lagged: mean cross spectrum of the pairs of lines at each spacing of `lags`, shape (4, F).
+        newer: mean spectrum of the newer lines of the pairs at each spacing, shape (4, F).
+        older: mean spectrum of the older lines of the pairs at each spacing, shape (4, F).
         mean: mean spectrum of all lines, shape (F,).
-        power: mean power spectrum of both lines of these pairs, shape (4, F).
+        power: mean power spectrum of the lines of the pairs at each spacing, shape (4, F).
     """
 
     lagged: Spectrum
@@ -131,7 +131,7 @@ def correlate(spectra: Spectrum) -> Products:
 def find(
     products: Products, layout: Layout, pattern: Spectrum, weight: Floats, last: float
 ) -> Doubles:
-    """Return candidates for the displacement per line [px], shape (c,).
+    """Return candidates for the displacement per line [px]: `last` and the peaks, shape (c,).
 
     Args:
         products: correlations from `correlate`.
@@ -147,7 +147,7 @@ def find(
     number = 0
     if np.isfinite(last):
         found[0], number = last, 1
-    # After subtraction of the mean of all lines, no fixed pattern remains.
+    # After the mean of all lines has been subtracted, no fixed pattern remains.
     for removed in (pattern, products.mean):
         rest = smoothed(
             products.power[0]
@@ -190,9 +190,9 @@ def find(
 
 @kernel
 def farthest(displacement: float, layout: Layout) -> int:
-    """Return the index in `lags` of the largest spacing at which two lines still overlap enough.
+    """Return the index in `lags` of the largest spacing at which lines still overlap enough.
 
-    The displacement per line is in [px].
+    The argument `displacement` is the displacement per line [px].
     """
     distances = lags(layout.lines)
     for which in range(_LAGS - 1, 0, -1):
@@ -204,11 +204,11 @@ def farthest(displacement: float, layout: Layout) -> int:
 
 @kernel
 def _refined(correlation: Floats, peak: int, layout: Layout) -> float:
-    """Return the displacement per line [px] at a peak of the slant stack, to a fraction of a pixel.
+    """Return the displacement per line [px] at an integer `peak`, to a fraction of a pixel.
 
-    The sum contains all spacings at which lines overlap enough. The largest spacing resolves the
-    displacement best, but its lines may show different ground if the camera moves across its axis.
-    Its correlation is then noise, and smaller spacings determine the maximum of the sum.
+    The correlations, shape (4, size), are summed over all spacings at which lines overlap enough.
+    The largest spacing resolves the displacement best. If the camera moves across its axis, lines
+    at this spacing may show different ground, so smaller spacings determine the maximum of the sum.
     """
     distances, last = lags(layout.lines), farthest(peak, layout)
     fine = distances[last]  # grid points per pixel
@@ -229,11 +229,11 @@ def _refined(correlation: Floats, peak: int, layout: Layout) -> float:
 
 
 class Remainder(NamedTuple):
-    """Correlations between the lines of a batch after the fixed part of the view is subtracted.
+    """Correlations between the lines of a batch after subtraction of a fixed pattern.
 
     Attributes:
-        lagged: mean product of the spectra of two lines at each spacing of `lags`, shape (4, F).
-        power: mean power spectrum of both lines of these pairs, shape (4, F).
+        lagged: mean cross spectrum of the pairs of lines at each spacing of `lags`, shape (4, F).
+        power: mean power spectrum of the lines of the pairs at each spacing, shape (4, F).
         number: effective number of independent pairs at each spacing, shape (4, F).
     """
 
@@ -245,14 +245,14 @@ class Remainder(NamedTuple):
 @linked
 @kernel
 def subtract(products: Products, layout: Layout, fixed: Spectrum) -> Remainder:
-    """Return the correlations without the fixed part of the view.
+    """Return the correlations that lines have after subtraction of a fixed pattern.
 
     The result contains only the frequencies at which candidates are compared.
 
     Args:
         products: correlations from `correlate`.
         layout: sizes of the batch.
-        fixed: spectrum of the fixed part of the view, shape (F,).
+        fixed: spectrum of the fixed pattern or of the mean of all lines, shape (F,).
     """
     distances, count = lags(layout.lines), int(_COMPARED / HIGHEST * len(fixed))
     lagged, power = np.empty((_LAGS, count), np.complex64), np.empty((_LAGS, count), np.float32)
@@ -276,7 +276,7 @@ def subtract(products: Products, layout: Layout, fixed: Spectrum) -> Remainder:
 
 @kernel
 def against_noise(rest: Remainder, layout: Layout) -> Remainder:
-    """Return the same correlations with all pairs counted as independent, as they are in noise."""
+    """Return correlations with all pairs of lines counted as independent, as they are in noise."""
     pairs = np.maximum(layout.lines - lags(layout.lines), 1).astype(np.float32)
     return Remainder(rest.lagged, rest.power, np.ones_like(rest.number) * pairs.reshape(-1, 1))
 
@@ -291,8 +291,8 @@ def coherent(
         rest: correlations between the lines.
         layout: sizes of the batch.
         displacement: displacement per line [px].
-        spread: width of the range around the displacement from which the largest ratio is returned
-            [px].
+        spread: width of a range around the displacement [px]; the result is the largest ratio at
+            three displacements in this range.
         which: index of the line spacing in `lags`.
     """
     size = layout.size
@@ -324,7 +324,7 @@ def coherent(
 def rate(rest: Remainder, layout: Layout, found: Doubles) -> Doubles:
     """Return the log-likelihood ratio of each candidate versus noise [nats], shape (c,).
 
-    It is the largest ratio at any line spacing up to `farthest`, and at least 0.
+    The result is the largest ratio at any line spacing up to `farthest`, and at least 0.
 
     Args:
         rest: correlations between the lines.
@@ -345,13 +345,13 @@ def rate(rest: Remainder, layout: Layout, found: Doubles) -> Doubles:
 def scatter(
     rest: Remainder, layout: Layout, displacement: float, limits: tuple[float, float]
 ) -> float:
-    """Return the variance of a displacement due to rivals, which are nearly as likely [px^2].
+    """Return the variance of a displacement due to rivals of similar likelihood [px^2].
 
-    The rivals are zero displacement, and displacements that differ from the given displacement by
-    1 px to `APART` px. In each direction, they end before the first displacement that is too
-    unlikely. On smooth ground, zero displacement is nearly as likely as slow motion, and the
-    likelihood has many small maxima on one peak that is several pixels wide. The curvature at the
-    largest maximum then does not give the variance.
+    The rivals are zero displacement, and displacements that differ from the given one by 1 px to
+    `APART` px. In each direction, the search for rivals ends at the first displacement that is too
+    unlikely. On smooth ground, the curvature at the largest maximum does not give the variance,
+    because zero displacement is nearly as likely as slow motion, and the likelihood has many small
+    maxima on one peak that is several pixels wide.
 
     Args:
         rest: correlations between the lines.
@@ -413,7 +413,7 @@ def decide(
             best = i
     ambiguous = False
     for i in range(len(found)):
-        # Noise causes such rival peaks if lines do not overlap. At the single spacing that
+        # If lines do not overlap, noise causes distant rivals. At the single spacing that
         # `_contest` uses, they may be absent.
         if abs(found[i] - found[best]) >= APART and evidence[i] > ratio * evidence[best]:
             ambiguous = True
@@ -431,8 +431,8 @@ def _contest(
 ) -> tuple[float, float, float]:
     """Return the log-likelihoods of two displacements and of their mean [nats].
 
-    The comparison uses the largest line spacing at which either displacement can be observed,
-    because neighboring lines do not resolve slow displacements.
+    All three are computed at the largest line spacing at which one of the two displacements is
+    likely, because neighboring lines do not resolve slow displacements.
 
     Args:
         rest: correlations between the lines.

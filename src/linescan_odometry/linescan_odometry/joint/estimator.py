@@ -44,8 +44,8 @@ class Estimate(NamedTuple):
         value: mean displacement per line [px].
         variance: variance of the displacement [px^2].
         reason: reason why the displacement is invalid; empty for a valid displacement.
-        rest: logarithm of the lines minus the fixed pattern, shape (m, n). If the displacement was
-            rejected before the fit, these are the unchanged lines.
+        rest: logarithm of the gray levels, minus the fixed pattern, shape (m, n). If the
+            displacement was rejected before the fit, `rest` contains the unchanged lines.
         coherence: coherence between neighboring lines [1].
     """
 
@@ -60,12 +60,13 @@ class _View(NamedTuple):
     """A batch of lines in the frequency domain, with the candidates for its displacement.
 
     Attributes:
-        logs: logarithm of the lines, shape (m, n).
-        spectra: spectra of the logarithm, shape (m, F).
+        logs: logarithm of the gray levels, shape (m, n).
+        spectra: spectra of `logs`, shape (m, F).
         products: correlations between the lines.
         known: spectrum of the fixed pattern before this batch, shape (F,).
         found: candidates for the displacement per line [px], shape (c,).
-        remainder: correlations after removal of everything that is fixed in the lines.
+        remainder: correlations after subtraction of the mean of all lines, or of the fixed pattern
+            if the batch has few lines.
     """
 
     logs: spectra.Floats
@@ -82,10 +83,11 @@ class _Maximum(NamedTuple):
     Attributes:
         motion: displacement per line in the middle of the batch [px] and its change from line to
             line [px], shape (2,); not finite if there is no maximum.
-        rest: logarithm of the lines minus the fixed pattern, shape (m, n).
-        information: precision times mean of the pattern in this batch, shape (F,).
+        rest: logarithm of the gray levels, minus the fixed pattern, shape (m, n).
+        information: precision times mean of the fixed pattern estimated from this batch alone,
+            shape (F,).
         precision: precision of this mean, shape (F,).
-        fit: variance and quality measures of the displacement.
+        fit: variance of the displacement, and the data for judging its validity.
     """
 
     motion: spectra.Doubles
@@ -182,9 +184,8 @@ class JointEstimator:
     def _choose(self, view: _View, layout: candidates.Layout, last: float) -> _Choice:
         """Return the candidate for the displacement that explains the lines best.
 
-        The mean of all lines contains everything that is fixed in them. At rest, only noise remains
-        after the mean has been subtracted. If a motion explains the remaining lines, the vehicle is
-        therefore not at rest.
+        At rest, only noise remains after the mean of all lines has been subtracted. If a motion
+        explains what remains, the vehicle is therefore not at rest.
 
         Args:
             view: the batch.
@@ -207,7 +208,8 @@ class JointEstimator:
             return _Choice(float(found[best]), True, "low texture")
         unlikely = np.zeros(len(found))
         if math.isfinite(last):
-            # The limited prior matters only if the lines cannot distinguish candidates.
+            # The limit ensures that the prior matters only if the lines cannot distinguish
+            # candidates.
             change = (found - last) / (self._spread * layout.lines)
             unlikely = np.minimum(0.5 * change**2, _RATIO * _LIKELY)
         limits = _LIKELY, _RATIO
@@ -220,7 +222,7 @@ class JointEstimator:
         The weight of earlier batches decays exponentially.
 
         Args:
-            information: precision times mean of the pattern in this batch, shape (F,).
+            information: precision times mean of the pattern estimated from the batch, shape (F,).
             precision: precision of this mean, shape (F,).
         """
         kept = np.float32(1.0 - 1.0 / _MEMORY)
@@ -246,7 +248,7 @@ def _transform(
     Args:
         lines: gray levels, shape (m, n).
         table: logarithm of each gray level.
-        taper: factor of each pixel, shape (n,).
+        taper: factor by which each pixel is multiplied before the transform, shape (n,).
         pattern: fixed pattern before this batch.
         layout: sizes of the batch.
         search: weight of each frequency, and displacement per line in the previous batch [px]; see
@@ -275,20 +277,21 @@ def _maximize(
 
     Args:
         view: the batch.
-        taper: factor of each pixel, shape (n,).
+        taper: factor by which each pixel is multiplied before the transform, shape (n,).
         learned: fixed pattern before this batch.
         layout: sizes of the batch.
         candidate: displacement per line [px], and whether the pattern is estimated together with
             the displacement.
-        deviations: precision of the fixed pattern that is assumed until the camera has moved, and
-            prior standard deviation of the displacement's change from line to line [px].
+        deviations: two numbers. The first is the precision of the fixed pattern that is assumed
+            until the camera has moved. The second is the prior standard deviation of the change of
+            the displacement from line to line [px].
     """
     (start, parted), (stated, spread), size = candidate, deviations, layout.size
     motion, kappa = np.array([start, 0.0]), np.arange(layout.lines) - 0.5 * (layout.lines - 1)
     pattern, batch = view.known, np.zeros(len(view.known))
     before = learned.precision + stated
     information, removed = view.known, view.products.mean
-    # Steps of at most 1 px do not lead to another peak. The pattern is estimated before each.
+    # Steps are limited to 1 px, so they do not lead to another peak.
     for number in range(candidates.APART):
         if parted:
             paths = motion[0] * kappa + motion[1] * 0.5 * kappa**2
@@ -300,8 +303,8 @@ def _maximize(
         removed = pattern
         here = expand(rest, Precision(before, batch), motion, layout.limit, spread)
         motion = motion + here.step
-        # Two steps at least, because the pattern of the first one belongs to the candidate. After
-        # a step below one standard deviation, another one would change little.
+        # The first pattern is estimated at the candidate, so at least two steps are needed. After a
+        # step of less than one standard deviation, a further step would change little.
         small = number > 0 and here.step[0] ** 2 < here.inverse[0, 0]
         if small or not np.isfinite(motion).all():
             break

@@ -124,7 +124,7 @@ def observe(
     """Return the pattern estimated from one batch with known displacements.
 
     Args:
-        transformed: spectra of whole lines, shape (m, F).
+        transformed: spectra of the logarithm of whole lines, shape (m, F).
         removed: pattern to subtract before the covariance is estimated, shape (F,).
         paths: displacement of each line [px], shape (m,).
         size: length of the Fourier transform [px].

@@ -67,7 +67,9 @@ class _Model(NamedTuple):
 
 
 class Cut(NamedTuple):
-    """Lines of each block, cut to the ground that all lines of the block show.
+    """Lines of a batch, cut to the ground that all lines of a block show.
+
+    A block is a group of consecutive lines that overlap. Short displacements give a single block.
 
     Attributes:
         spectra: spectra in the ground frame, shape (t, F).
@@ -90,7 +92,7 @@ class Expansion(NamedTuple):
     """Second-order expansion of the log-likelihood near a displacement and its change.
 
     Attributes:
-        cut: cut lines, without the pattern.
+        cut: cut lines, without the fixed pattern.
         model: covariance model of the lines.
         white: spectra of the lines multiplied by the inverse covariance, shape (t, F).
         moments: power of each band, and covariance of neighboring lines in it, shape (2, B).
@@ -109,10 +111,12 @@ class Expansion(NamedTuple):
 
 @kernel
 def _cut(lines: Floats, paths: Doubles, limit: int) -> Cut:
-    """Cut lines into blocks of shared ground; neighboring blocks have one line in common.
+    """Return the lines, grouped into blocks and cut to the ground that the lines of a block share.
+
+    Neighboring blocks have one line in common.
 
     Args:
-        lines: logarithm of the lines minus the pattern, shape (m, n).
+        lines: logarithm of the gray levels, minus the fixed pattern, shape (m, n).
         paths: displacement of each line [px], shape (m,).
         limit: limit on the shift between two compared lines [px].
     """
@@ -159,7 +163,7 @@ def _cut(lines: Floats, paths: Doubles, limit: int) -> Cut:
 def _marginalize(
     spectra: Spectrum, turn: Spectrum, model: _Model, along: Doubles, white: Spectrum
 ) -> Doubles:
-    """Marginalize the fixed pattern in the log-likelihood of one block.
+    """Marginalize the fixed pattern: write the whitened lines of one block without it to `white`.
 
     A pattern of variance V adds ``V u u'`` to T, with ``u_k = exp(-2 pi i f X_k)`` in the ground
     frame. With ``c = 1 / V + u' T^-1 u``, the log-likelihood decreases by ``log c / 2``, and
@@ -228,7 +232,8 @@ def _slopes(cut: Cut, model: _Model, turn: Spectrum) -> tuple[Spectrum, Doubles]
     """Return T^-1 times the lines, and the gradient of the log-likelihood.
 
     Args:
-        cut: cut lines; the remaining fixed pattern is subtracted from them, see `_marginalize`.
+        cut: cut lines. The remaining fixed pattern is subtracted from them in place, see
+            `_marginalize`.
         model: covariance of the lines.
         turn: result of `_turned`, shape (t, F).
 
@@ -259,12 +264,19 @@ def _slopes(cut: Cut, model: _Model, turn: Spectrum) -> tuple[Spectrum, Doubles]
 
 @kernel
 def _information(cut: Cut, model: _Model, turn: Spectrum) -> Doubles:
-    """Return the Fisher information on d and a, shape (2, 2), evaluated at each band's center.
+    """Return the Fisher information on d and a, shape (2, 2), summed over the frequency bands.
+
+    Each band is evaluated at its center frequency.
 
     Let ``B = K T - T K``, where K is the diagonal matrix of the derivatives of the paths. The
     information is ``-f^2 tr(C^-1 B C^-1 B)``. The marginalized pattern gives
     ``C^-1 = T^-1 - q q' / c`` with ``q = T^-1 u``, where c is the sum of the pattern's precision
-    and ``u' q``, see `_marginalize`. All arrays below have one column for each band.
+    and ``u' q``, see `_marginalize`. In the code, arrays with lines as rows have bands as columns.
+
+    Args:
+        cut: cut lines.
+        model: covariance of the lines.
+        turn: vector u of the lines from `_turned`, shape (t, F).
     """
     first, last = model.edges[:-1], model.edges[1:]
     middle, (texture, rho, noise) = (first + last - 1) // 2, model.bands
@@ -346,10 +358,10 @@ def _on_grid(precision: Precision, cut: Cut, pixels: int) -> tuple[Doubles, Doub
         pixels: number of pixels of a whole line.
 
     Returns:
-        Precision of the pattern without the information of one block, shape (F,). Every block has
-        an equal share of the precision that this batch adds.
-        Variance of the pattern that the lines still contain, shape (F,); 0 at frequencies where the
-        pattern estimated from this batch has been subtracted.
+        Two arrays of shape (F,). The first is the precision of the pattern without the information
+        of one block; each block has an equal share of the precision that this batch adds. The
+        second is the variance of the pattern that the lines still contain. It is 0 at frequencies
+        where the pattern estimated from this batch has been subtracted.
     """
     before, batch = precision
     known, contained = np.zeros(cut.spectra.shape[1]), np.zeros(cut.spectra.shape[1])
@@ -371,7 +383,7 @@ def expand(
     """Return the expansion of the log-likelihood at a displacement and its change.
 
     Args:
-        lines: logarithm of the lines minus the pattern, shape (m, n).
+        lines: logarithm of the gray levels, minus the fixed pattern, shape (m, n).
         precision: precision of the fixed pattern.
         motion: displacement per line in the middle of the batch [px] and its change from line to
             line [px], shape (2,).
@@ -402,5 +414,5 @@ def expand(
         inverse[0, 1] = inverse[1, 0] = -information[0, 1]
         inverse /= determinant
     by = (inverse * slopes).sum(axis=1)
-    by[0] = min(max(by[0], -1.0), 1.0)  # px; the distance between displacements in the slant stack
+    by[0] = min(max(by[0], -1.0), 1.0)  # px; the step between displacements in the slant stack
     return Expansion(cut, model, white, moments, by, inverse)

@@ -72,7 +72,7 @@ def bands(size: int) -> NDArray[np.int64]:
 
 @_fast
 def smoothed(values: Doubles) -> Doubles:
-    """Return the mean of a spectrum over each frequency and its neighbors, shape (F,)."""
+    """Return a spectrum that is averaged over neighboring frequencies, shape (F,)."""
     count = len(values)
     total = np.zeros(count + 1)
     for i in range(count):
@@ -95,7 +95,9 @@ def log_table(depth: int) -> Floats:
 @linked
 @kernel
 def logarithms(lines: Lines, table: Floats) -> Floats:
-    """Return the logarithm of lines, which converts gains to offsets, shape (m, n).
+    """Return the logarithm of the gray levels of lines, shape (m, n).
+
+    The logarithm converts the unknown gain of a pixel to an offset.
 
     Args:
         lines: gray levels, shape (m, n).
@@ -135,7 +137,7 @@ def spectra_of(logs: Floats, taper: Floats, size: int) -> Spectrum:
 @linked
 @kernel
 def without(logs: Floats, pattern: Spectrum, taper: Floats, size: int) -> Floats:
-    """Return the logarithm of lines minus a pattern, shape (m, n).
+    """Return the logarithm of lines after subtraction of a fixed pattern, shape (m, n).
 
     Args:
         logs: logarithm of the lines, shape (m, n).
@@ -216,8 +218,8 @@ def covariance(
         aligned: spectra in the ground frame, blocks of lines one after the other, shape (t, F).
         first: row of each block's first line, then the number of rows t, shape (blocks + 1,).
         edges: edges of the bands [bins], shape (B + 1,).
-        fixed: variance that the fixed pattern adds to the lines; it is not counted as texture,
-            shape (F,).
+        fixed: variance that the fixed pattern adds to the lines, shape (F,). It is not counted as
+            texture.
         turn: phase change of a fixed pattern from one line to the next in the ground frame [rad],
             shape (F,).
         share: number of independent frequencies per bin: length of the lines divided by the length
@@ -278,7 +280,7 @@ def independent(square: Floats, distances: NDArray[np.int64], lines: int) -> Flo
     number = np.ones(square.shape, np.float32)
     for which in range(len(distances)):
         pairs = lines - distances[which]
-        share = np.zeros(len(distances) + 1)  # weight of the coherence at spacing 0, then the given
+        share = np.zeros(len(distances) + 1)  # weights at spacing 0 and at `distances`
         after = 0
         for j in range(1, pairs):
             while after < last and distances[after] < j:
@@ -297,10 +299,10 @@ def independent(square: Floats, distances: NDArray[np.int64], lines: int) -> Flo
 
 @_fast
 def pivots(band: Doubles, inverse: Floats | Doubles) -> float:
-    """Write the inverse pivots of the tridiagonal matrix ``1 + N A^-1`` of one frequency band.
+    """Write to `inverse` the inverse pivots of the matrix ``1 + N A^-1`` of one frequency band.
 
-    The pivots are those of Gaussian elimination. A is the autoregressive part of the covariance,
-    ``A_kj = S rho^|k - j|``.
+    The matrix is tridiagonal. Its pivots are those of Gaussian elimination. A is the autoregressive
+    part of the covariance, ``A_kj = S rho^|k - j|``.
 
     Args:
         band: texture power S, coherence rho and noise power N.
@@ -328,7 +330,7 @@ def pivots(band: Doubles, inverse: Floats | Doubles) -> float:
 def solve(
     off: Doubles, inverse: Doubles, noise: Doubles, values: NDArray[np.complex128]
 ) -> NDArray[np.complex128]:
-    """Return the product of T^-1 (see `whiten`) and the values of the lines, shape (m, B).
+    """Return T^-1 (see `whiten`) times the values of the lines in each band, shape (m, B).
 
     Args:
         off: off-diagonal element from `pivots`, shape (B,).
@@ -350,7 +352,9 @@ def solve(
 
 @_fast
 def correlated(rho: Doubles, values: NDArray[np.complex128]) -> NDArray[np.complex128]:
-    """Return the product of the covariance of a texture of power 1 and the values, shape (m, B).
+    """Return the covariance of a texture of power 1, times the values of the lines, shape (m, B).
+
+    Element (k, j) of this covariance is ``rho^|k - j|``.
 
     Args:
         rho: coherence of neighboring lines, shape (B,).
@@ -370,10 +374,11 @@ def correlated(rho: Doubles, values: NDArray[np.complex128]) -> NDArray[np.compl
 
 @_fast
 def whiten(spectra: Spectrum, edges: NDArray[np.int64], model: Doubles, white: Spectrum) -> None:
-    """Multiply the lines of one block by T^-1, at a cost proportional to the number of lines.
+    """Multiply the lines of one block by T^-1, and write the product to `white`.
 
-    The covariance of the lines is ``T = A + N``: an autoregressive part A, and white noise of power
-    N. The inverse of A is tridiagonal, and ``T^-1 = (1 - (1 + N A^-1)^-1) / N``.
+    The cost is proportional to the number of lines. The covariance of the lines is ``T = A + N``:
+    an autoregressive part A, and white noise of power N. The inverse of A is tridiagonal, and
+    ``T^-1 = (1 - (1 + N A^-1)^-1) / N``.
 
     Args:
         spectra: spectra of the lines, shape (m, F).

@@ -55,7 +55,7 @@ class _Batch(NamedTuple):
     Attributes:
         kind: number of the distance measure.
         lines: gray levels, shape (m, n).
-        codes: rank of each gray level among those that occur, shape (m, n).
+        codes: rank of each pixel's gray level among the levels that occur, shape (m, n).
         sums: sums of the first k pixels of each line and of their squares, see `running_sums`.
         ranks: working memory for each level that occurs, shape (2, levels).
     """
@@ -123,9 +123,9 @@ class DirectSearch:
 
 
 def _order(lines: Lines) -> tuple[Lines, int]:
-    """Return each gray level's rank among the levels that occur, shape (m, n), and their number.
+    """Return the rank of each pixel's gray level, shape (m, n), and the number of levels.
 
-    8-bit lines are returned unchanged, with the number 256.
+    The ranks count only levels that occur. 8-bit lines are returned unchanged, with 256 levels.
     """
     if lines.dtype == np.uint8:
         return lines, 256
@@ -135,7 +135,10 @@ def _order(lines: Lines) -> tuple[Lines, int]:
 
 @kernel
 def running_sums(lines: Lines) -> NDArray[np.int64]:
-    """Return sums of the first k pixels of each line and of their squares, shape (2, m, n + 1)."""
+    """Return sums over the first k = 0 to n pixels of each line, shape (2, m, n + 1).
+
+    Entry 0 of the first axis is for the gray levels, entry 1 for their squares.
+    """
     rows, pixels = lines.shape
     sums = np.zeros((2, rows, pixels + 1), np.int64)
     for row in range(rows):
@@ -295,7 +298,7 @@ def _rank_correlation(x: Lines, y: Lines, ranks: NDArray[np.int64]) -> float:
         ranks: working memory, shape (2, levels).
     """
     count = np.int64(x.shape[0])
-    # Ranks are doubled, so that tied ranks are integers; their mean is count + 1.
+    # Ranks are doubled, so that ties have integer ranks; the doubled ranks have the mean count + 1.
     variance_x = _rank(x, ranks[0])
     variance_y = _rank(y, ranks[1])
     if variance_x == 0 or variance_y == 0:
@@ -308,7 +311,7 @@ def _rank_correlation(x: Lines, y: Lines, ranks: NDArray[np.int64]) -> float:
 
 @njit(cache=True)
 def _rank(part: Lines, ranks: NDArray[np.int64]) -> int:
-    """Compute the centered ranks of the gray levels in part of a line.
+    """Write the centered ranks of the gray levels in part of a line to `ranks`.
 
     Args:
         part: `_Batch.codes` of the part, shape (N,).

@@ -148,7 +148,13 @@ def _prepare(lines: Lines, sums: NDArray[np.int64], padded: Floats, ends: _Ends)
 
 @njit(nogil=True, error_model="numpy", fastmath=_REORDER)
 def _cross_spectra(spectra: NDArray[np.complex64]) -> None:
-    """Multiply the spectrum of each line by the conjugate spectrum of the next newer line."""
+    """Multiply the spectrum of each line in place by the conjugate of the following spectrum.
+
+    The spectrum of the last line does not change.
+
+    Args:
+        spectra: spectra of the lines, oldest first, shape (lines, bins).
+    """
     rows, bins = spectra.shape
     for row in range(rows - 1):
         old, new = spectra[row], spectra[row + 1]

@@ -90,7 +90,15 @@ def _refine(
     displacement: NDArray[np.float64],
     errors: NDArray[np.float64],
 ) -> None:
-    """Perform the Gauss-Newton steps of every pair; see `SubpixelRefiner.refine`."""
+    """Refine the shift of every pair by Gauss-Newton steps; see `SubpixelRefiner.refine`.
+
+    Args:
+        lines: m + 1 lines of n pixels, oldest first, shape (m + 1, n).
+        shift: integer shifts [px], shape (m,).
+        sigma: standard deviation of the smoothing kernel [px].
+        displacement: output, shift plus fraction [px], shape (m,).
+        errors: output, error due to each part of the overlap [px], shape (m, parts).
+    """
     pixels = lines.shape[1]
     both = np.empty((2, pixels), np.float32)
     filtered, filters = np.empty((4, pixels), np.float32), np.empty((4, _TAPS), np.float32)
@@ -127,12 +135,13 @@ def _equalize(part: Lines, out: NDArray[np.float32]) -> None:
 
 @njit(cache=True, error_model="numpy")
 def _make_filters(fraction: float, sigma: float, filters: NDArray[np.float32]) -> None:
-    """Write the smoothing and the derivative filter of the new line, then those of the old line.
+    """Write the smoothing filter and the derivative filter of each line to `filters`.
 
     Args:
         fraction: fraction f of the shift [px].
         sigma: standard deviation of the smoothing kernel [px].
-        filters: output, the weights, shape (4, taps).
+        filters: output, weights of both filters of the new line, then of the old line, shape
+            (4, taps).
     """
     for side in range(2):
         offset = fraction * (side - 0.5)
@@ -146,7 +155,7 @@ def _make_filters(fraction: float, sigma: float, filters: NDArray[np.float32]) -
 def _filter(
     both: NDArray[np.float32], filters: NDArray[np.float32], filtered: NDArray[np.float32]
 ) -> None:
-    """Apply two filters to each of two lines.
+    """Apply two filters to each of two lines, and write the results to `filtered`.
 
     Args:
         both: new and old line, shape (2, at least N + taps - 1).

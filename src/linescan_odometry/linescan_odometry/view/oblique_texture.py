@@ -59,7 +59,10 @@ class Keyframe:
     def compare(
         self, stamp_ns: int, period_ns: float, lines: Lines | Floats, displacement: float
     ) -> tuple[float, float]:
-        """Compare the newest line with the stored line, which is replaced if it is not comparable.
+        """Return the age of the stored line, and how well newer lines still match it.
+
+        A stored line is replaced by a newer one if the shift between them is too large or the
+        stored line is too old.
 
         Args:
             stamp_ns: stamp of the newest line [ns].
@@ -68,9 +71,9 @@ class Keyframe:
             displacement: mean displacement per line [px].
 
         Returns:
-            Age of the stored line [s]; correlation of its gradient with the gradient of the newest
-            line at their expected shift, divided by the correlation of neighboring lines [1]. Both
-            values are 0 if the view has hardly shifted.
+            Age of the stored line [s]; correlation of the gradients of this line and of lines of
+            the batch near their expected shift, divided by the correlation of neighboring lines
+            [1]. Both values are 0 if the view has hardly shifted.
         """
         span = len(lines) - 1
         pixels = lines.shape[1]
@@ -106,7 +109,7 @@ class Keyframe:
 
 @njit(cache=True)
 def _differentiate(line: Lines | Floats, step: int, gradient: Floats) -> None:
-    """Write the gradient of a line: differences of neighboring sums of `step` pixels each."""
+    """Write to `gradient` the differences between neighboring sums of `step` pixels of a line."""
     ahead, behind = 0.0, 0.0
     for i in range(step):
         behind += line[i]
@@ -128,7 +131,9 @@ def _compare(
     abort_below: float,
     gradient: Floats,
 ) -> tuple[float, float]:
-    """Compare the gradients of the newest lines with each other and with an earlier line.
+    """Return the correlation of the two newest lines, and of newer lines with an earlier line.
+
+    All correlations are those of the gradients of the lines.
 
     Args:
         lines: consecutive lines, oldest first, shape (m + 1, n).
@@ -136,12 +141,12 @@ def _compare(
         shift: shift of the newest line against the earlier line [px].
         displacement: displacement per line [px].
         abort_below: correlation below which the comparison is aborted.
-        gradient: gradient of the earlier line, with working memory for two more gradients, shape
+        gradient: gradient of the earlier line in row 0, and working memory in rows 1 and 2, shape
             (3, length of a gradient).
 
     Returns:
-        The largest correlation of the two newest lines near their shift, and the smallest
-        correlation of three lines of the batch with the earlier line.
+        Correlation of the two newest lines, and the smallest correlation of three lines of the
+        batch with the earlier line. Each correlation is the largest one near the expected shift.
     """
     span = len(lines) - 1
     backs = (1, 0, span // 5, span // 2)
@@ -199,24 +204,24 @@ class ObliqueTextures:
         self._paths: deque[FloatArray] = deque(maxlen=_REMEMBERED)  # distance across each axis [m]
         self._twist: FloatArray = np.zeros(3)
         self._found: dict[str, str] = {}
-        self._before: dict[str, tuple[float, float]] = {}  # last correlation and its excess
-        self._excess: dict[str, float] = {}  # the smaller excess of the last two
+        self._before: dict[str, tuple[float, float]] = {}  # last persistence and its excess
+        self._excess: dict[str, float] = {}  # the smaller of the last two excesses
 
     def unconfirmed(
         self, stamp_ns: int, readings: Mapping[str, SensorReading]
     ) -> dict[str, SensorReading]:
-        """Reject all readings if a camera has no match and its motion across the axis is unknown.
+        """Return the readings that may be wrong because of an oblique texture, as unmeasured.
 
-        Without a twist this motion is unknown, so the texture may be oblique. If a twist was
-        measured shortly before, it gives the motion, and only cameras over oblique textures are
-        rejected.
+        The result is empty if no camera has lines that do not match. If a twist was measured
+        shortly before, only cameras over oblique textures are rejected. Without such a twist, the
+        motion across the axes is unknown, so the readings of all cameras are rejected.
 
         Args:
             stamp_ns: stamp of the readings [ns].
             readings: readings of all cameras, keyed by name; too few are valid for a twist.
 
         Returns:
-            Rejected readings, marked as unmeasured, keyed by camera name.
+            Rejected readings, keyed by camera name.
         """
         blind = [
             name for name, reading in readings.items() if reading.unmatched and not reading.measured
@@ -247,7 +252,7 @@ class ObliqueTextures:
         self._stamps.append(stamp_ns)
 
     def _path_across(self, name: str, stamp_ns: int, age: float, across: float) -> float:
-        """Return the distance that a camera has moved across its axis during the last `age` [m].
+        """Return how far a camera has moved across its axis in the last `age` seconds [m].
 
         Before the first stored twist, the motion is assumed to be zero.
 
@@ -289,7 +294,7 @@ class ObliqueTextures:
                 # A single excess may be chance, because a line contains few independent texture
                 # values.
                 before, excess_before = self._before.get(name, (0.0, 0.0))
-                if reading.persistence != before:  # skip a reading that is solved again
+                if reading.persistence != before:  # otherwise this reading was already processed
                     self._excess[name] = min(excess, excess_before)
                     self._before[name] = reading.persistence, excess
                 least = self._excess.get(name, 0.0)

@@ -41,17 +41,17 @@ class Covers:
         self._stamp_ns = 0
 
     def remember(self, stamp_ns: int, twist: FloatArray) -> None:
-        """Store a twist (v_x, v_y [m/s], yaw rate [rad/s]) that was measured at a time [ns]."""
+        """Store a measured twist (v_x, v_y [m/s], yaw rate [rad/s]) and its stamp [ns]."""
         self._stamp_ns = stamp_ns
         self._twist = twist
 
     def stopped(
         self, stamp_ns: int, readings: Mapping[str, SensorReading]
     ) -> dict[str, SensorReading]:
-        """Return the readings of cameras that became occluded, marked as unmeasured.
+        """Return the readings of occluded cameras, marked as unmeasured.
 
-        A camera is occluded if its velocity became zero faster than a vehicle can stop. It remains
-        occluded until its view changes.
+        A camera counts as occluded if its view became constant sooner than a vehicle can stop. The
+        camera remains occluded until its view changes.
 
         Args:
             stamp_ns: stamp of the readings [ns].
