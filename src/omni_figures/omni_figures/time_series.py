@@ -2,9 +2,9 @@
 
 The figure has one column per variant. Its rows show the linear velocity in the body frame, the yaw
 rate, the switching functions s_i of the wheels ("errors"), and the times at which each brake was
-on. Time zero is the start of braking. All panels of a row have the same scale. A panel that would
-show only a flat line with this scale has a scale of its own, which is labeled. Solid lines show the
-true motion, and thin dashed lines the measurement of the odometry.
+on. Time zero is the start of braking. All panels of a row have the same scale, except that a panel
+whose lines would look flat has a scale of its own, which is labeled. Solid lines show the true
+motion, and thin dashed lines the measurement of the odometry.
 """
 
 from collections.abc import Mapping, Sequence

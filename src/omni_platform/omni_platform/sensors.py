@@ -1,9 +1,10 @@
 """Positions, axes and fields of view of ground sensors.
 
-A line camera measures the velocity, along its axis, of the point at which it is mounted. A flow
-sensor measures this velocity and the velocity to the left of the axis. The footprint of a line
-camera is a rectangle with the `length` along the axis, divided into `pixels`, and the `width`
-across it, over which each pixel integrates (dissertation, section 4.3.2).
+A sensor measures the velocity of the point at which it is mounted. A line camera measures the
+component along its axis, and a flow sensor also measures the component to the left of its axis. The
+footprint of a line camera is a rectangle. Its `length` along the axis is divided into `pixels`.
+Each pixel integrates over the `width` of the footprint across the axis (dissertation, section
+4.3.2).
 """
 
 import math

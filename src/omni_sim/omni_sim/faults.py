@@ -1,9 +1,9 @@
 """Simulated sensor faults, which replace the fault-free readings of a channel.
 
 The channels are the velocity sensor, the gyro, the accelerometer and the wheel encoders. A fault
-affects one axis (or wheel) of a channel, or all of them, from its onset on for a limited time. With
-the fault-free reading ``y``, the time ``tau`` since the onset, the amplitude ``a``, the period
-``T`` and a standard normal value ``N(0, 1)``, the faulty reading is
+affects one axis (or wheel) of a channel, or all of them, from its onset for a limited time. Let
+``y`` be the fault-free reading, ``tau`` the time since the onset, ``a`` the amplitude, ``T`` the
+period, and ``N(0, 1)`` a standard normal value. The faulty reading is
 
     offset   y + a                   drop_out     NaN
     drift    y + a tau               zero         0

@@ -3,10 +3,10 @@
 The driver is either a script or another node that publishes `driver/pedal` and `cmd_vel`. In the
 second case, the vehicle brakes fully while no messages arrive.
 
-In lockstep, the node publishes a step and then waits for the `brake/enable` with the same stamp. In
-real time, the same steps follow the wall clock without waiting; if an enable is late or missing,
-all brakes are on. The README of this package describes the contract: topics, types, QoS settings,
-parameters and timeouts.
+In lockstep, the node publishes a step and then waits for the message on `brake/enable` with the
+same stamp. In real time, the same steps follow the wall clock without waiting; if an enable is late
+or missing, all brakes are on. The README of this package describes the contract: topics, types, QoS
+settings, parameters and timeouts.
 """
 
 import math

@@ -10,7 +10,8 @@ to the controller depends on the kind of brake:
 - ``velocity``: a motor drive that receives a speed [rad/s]; the commanded speed decreases along a
   configured ramp.
 
-A missing or NaN input causes full braking.
+A pedal position or an enable that is missing or NaN causes full braking. A torque drive cannot
+brake a wheel whose speed is unknown, because the torque could have the wrong sign.
 """
 
 import dataclasses

@@ -1,4 +1,4 @@
-"""Optical-flow chips, read through their makers' libraries, which measure the ground velocity.
+"""Optical-flow chips, which measure the ground velocity, read through their makers' libraries.
 
 - PMW3901 and PAA5100JE (SPI) count how far the ground has moved between two readings,
 - the SparkFun OTOS (I2C) combines a PAA5160 with an IMU and reports velocities with standard

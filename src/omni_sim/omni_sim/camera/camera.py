@@ -1,4 +1,4 @@
-"""Line cameras on a moving vehicle that view a ground texture.
+"""Line cameras that view a ground texture from a moving vehicle.
 
 Source: dissertation, sections 4.3.2 and 4.4. Each line is rendered at the pose that the vehicle has
 at the time of exposure. The value of a pixel is the mean of the texture over the pixel's rotated

@@ -1,11 +1,9 @@
 """Compiled patterns of which ground textures are composed.
 
-A picture is one period of a texture.
-
-Lengths are in periods or in cells of a pattern's own grid, never in texels. A pattern can draw each
-band of texel rows separately, and the result does not depend on the division into bands. A picture
-of any resolution therefore needs memory only for its gray levels, and bands can be drawn in
-parallel.
+A picture is one period of a texture. Lengths are in periods or in cells of a pattern's own grid,
+never in texels. A pattern can draw each band of texel rows separately, and the result does not
+depend on the division into bands. A picture of any resolution therefore needs memory only for its
+gray levels, and bands can be drawn in parallel.
 """
 
 import dataclasses

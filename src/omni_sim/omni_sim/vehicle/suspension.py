@@ -5,7 +5,7 @@ With a suspension, each wheel including its tire has a spring and a damper, and 
 according to
 
     m z'' = sum F_i - m g,    I_p p'' = sum F_i x_i + h f_x,    I_r r'' = sum F_i y_i + h f_y,
-    F_i = max(0, c e_i + d e_i'),    e_i = s_i - (z + p x_i + r y_i),
+    F_i = max(0, c e_i + d e_i'),    e_i = s_i - (z + p x_i + r y_i)
 
 Chassis: ``z`` is the heave of the center of gravity, and ``p`` and ``r`` are the small gradients of
 the chassis forward and to the left. ``h`` is the constant height of the center of gravity above the

@@ -10,11 +10,11 @@ plane* and has the unit normal ``n``.
 The planar dynamics are computed in a frame of the path plane, which results from the world frame by
 the smallest rotation that aligns the vertical with ``n``. On an even slope this frame is constant,
 and the motion is exactly that on flat ground with the component ``g (n_x, n_y)`` of gravity and the
-load ``m g n_z``. On curved ground the frame moves without rotation about ``n``; the normal force is
-``m (g n_z - n_dot . v)``, and the moment of gravity is ``-m g dZ/dyaw``. This conserves ``T + m g
-Z`` with the kinetic energy ``T``. Yaw is the angle about ``n`` in this frame, whereas positions are
-in the horizontal plane of the world. If the vehicle would take off, the normal force is zero and
-the vehicle counts as tipping.
+load ``m g n_z``. On curved ground the frame moves without rotation about ``n``. The normal force is
+then ``m (g n_z - n_dot . v)``, and the moment of gravity is ``-m g dZ/dyaw``. The sum of kinetic
+energy and potential energy ``m g Z`` is conserved. Yaw is the angle about ``n`` in this frame,
+whereas positions are in the horizontal plane of the world. If the vehicle would take off, the
+normal force is zero and the vehicle counts as tipping.
 
 The model neglects:
 

@@ -5,13 +5,13 @@ The contact patch is connected to the wheel by a spring and a damper, Eq. (4), w
 where the wheel has the active direction ``n_w``, the velocity ``v_i`` of its center, the speed
 ``omega``, the rolling radius ``r_D`` and the rolling direction ``u_i``. The patch slides with ``v_p
 = v_s + e_dot``. The friction of the patch is the steady characteristic ``F`` of the tire at the
-slip of the patch, Eq. (20): ``s = |v_p| / V`` with ``V = r_D |omega| + v_num``. By the implicit
-Euler rule with the step ``dt``, stiffness ``c`` and damping ``d``,
+slip of the patch, Eq. (20): ``s = |v_p| / V`` with ``V = r_D |omega| + v_num``. The implicit Euler
+rule with the step ``dt``, the stiffness ``c`` and the damping ``d`` gives
 
     c (e + dt e_dot) + d e_dot = -sign(v_p) F(|v_p| / V).
 
-With ``D = d + c dt`` and the force ``A = c e - D v_s`` that a sticking patch would need,
-``v_p = -sign(A) w``, where ``w >= 0`` solves ``|A| = D w + F(w / V)``.
+Let ``D = d + c dt``. A sticking patch would need the force ``A = c e - D v_s``. The patch slides
+with ``v_p = -sign(A) w``, where ``w >= 0`` solves ``|A| = D w + F(w / V)``.
 
 The rim velocity changes with the force within the step, ``v_s = v_free + m F``, where ``m`` [m/s
 per N] is the mobility of wheel and vehicle. The equation becomes ``|A| = D w + kappa F(w / V)``
