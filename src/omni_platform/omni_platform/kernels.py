@@ -61,10 +61,10 @@ def _defer_transforms() -> None:
 
 
 def _defer_reference_counts() -> None:
-    """Defer the compilation of numba's reference counts until a kernel is compiled.
+    """Defer the compilation of numba's functions for reference counts until a kernel is compiled.
 
-    Kernels from the cache already contain these counts. The compilation would take 20 ms in each
-    process.
+    Kernels from the cache already contain these functions. Their compilation would take 20 ms in
+    each process.
     """
     compiled = nrtdynmod.compile_nrt_functions
     nrtdynmod.compile_nrt_functions = lambda context: functools.cache(lambda: compiled(context))

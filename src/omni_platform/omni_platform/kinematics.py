@@ -126,9 +126,9 @@ def _singular_values(matrix: FloatArray, geometry: PlatformGeometry) -> FloatArr
 
 
 def smallest_singular_value(matrix: FloatArray, geometry: PlatformGeometry) -> float:
-    """Return the smallest singular value of ``M``, in which lengths are divided by a radius [1].
+    """Return the smallest singular value of ``M`` after its lengths have been scaled [1].
 
-    The radius is the largest distance between a wheel and the platform's center.
+    The lengths are divided by the largest distance between a wheel and the platform's center.
 
     Args:
         matrix: matrix ``M`` of Eq. (33), shape (N, 3): [1], [1], [m].

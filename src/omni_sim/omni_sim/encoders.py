@@ -23,7 +23,7 @@ class EncoderConfiguration(Configuration):
     resolution: int = parameter(0, minimum=0, maximum=100_000_000)
     """Counts per wheel revolution (0: infinite resolution)"""
     noise: float = parameter(0.0, unit="rad/s", minimum=0.0, maximum=100.0)
-    """Standard deviation of a measured wheel speed"""
+    """Standard deviation of the noise of a measured wheel speed"""
 
 
 class Encoders(NamedTuple):

@@ -25,7 +25,7 @@ class FlowConfiguration(Configuration):
     resolution: float = parameter(0.0002, unit="m", minimum=0.0, maximum=0.1)
     """Displacement of the ground per count"""
     noise: float = parameter(0.0002, unit="m", above=0.0, maximum=0.1)
-    """Standard deviation of a measured displacement, for each axis"""
+    """Standard deviation of the noise of a measured displacement, for each axis"""
     scale: float = parameter(0.005, minimum=-0.9, maximum=10.0)
     """Scale error of all sensors"""
     failing: str = parameter("")

@@ -44,7 +44,7 @@ class ImuConfiguration(Configuration):
     gyro_bias: float = parameter(0.005, unit="rad/s", minimum=-35.0, maximum=35.0)
     """Bias of the yaw rate"""
     gyro_noise: float = parameter(0.003, unit="rad/s", minimum=0.0, maximum=35.0)
-    """Standard deviation of the yaw rate"""
+    """Standard deviation of the noise of the yaw rate"""
     gyro_scale: float = parameter(0.002, minimum=-0.9, maximum=10.0)
     """Scale error of the yaw rate"""
     bias_x: float = parameter(0.05, unit="m/s^2", minimum=-160.0, maximum=160.0)
@@ -52,7 +52,7 @@ class ImuConfiguration(Configuration):
     bias_y: float = parameter(-0.05, unit="m/s^2", minimum=-160.0, maximum=160.0)
     """Bias of the accelerometer's y axis"""
     noise: float = parameter(0.05, unit="m/s^2", minimum=0.0, maximum=160.0)
-    """Standard deviation of the accelerometer, for each axis"""
+    """Standard deviation of the noise of each accelerometer axis"""
     scale: float = parameter(0.003, minimum=-0.9, maximum=10.0)
     """Scale error of both accelerometer axes"""
     latency: float = parameter(0.0, unit="s", minimum=0.0, maximum=0.2)

@@ -43,7 +43,7 @@ def run_end(simulation: SimulationConfiguration, earliest: float = 0.0) -> End:
 
 
 def rest_memory() -> NDArray[np.void]:
-    """Return the memory of `run_outcome` at the start of a run, shape (1,)."""
+    """Return the initial value of the memory that `run_outcome` updates, shape (1,)."""
     return np.zeros(1, _REST)
 
 

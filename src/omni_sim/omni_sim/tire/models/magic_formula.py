@@ -70,10 +70,11 @@ _KEYS = ("friction", "friction_gradient", "stiffness", "stiffness_gradient", "sh
 
 
 class MagicFormulaParameters(NamedTuple):
-    """Constants of the kernels: a_1 to a_4, C, E, and properties of the unit curve in ``x``.
+    """Constants of the kernels: a_1 to a_4, C, E, and properties of the curve ``y(x)``.
 
+    This curve is the force divided by its peak, ``y = F / D``, over the scaled slip ``x = B s``.
     ``peak`` is the ``x`` of the peak. ``steepest`` is the ``x`` beyond the peak at which the curve
-    falls most steeply, and ``fall`` is ``-dy/dx`` there. ``slide`` is the height at unlimited slip.
+    falls most steeply, and ``fall`` is ``-dy/dx`` there. ``slide`` is ``y`` at unlimited slip.
     """
 
     friction: float
