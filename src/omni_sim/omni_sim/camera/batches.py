@@ -87,7 +87,7 @@ def interpolate_velocities(
     """Return velocities between physics steps by linear interpolation.
 
     Args:
-        trajectory: as in `interpolate_poses`.
+        trajectory: x, y, yaw and their time derivatives at uniform steps, shape (n + 1, 6).
         start_ns: time of the first row [ns].
         step_ns: time between rows [ns].
         times_ns: times of the requested velocities [ns], shape (m,).
@@ -146,7 +146,7 @@ class LineClock:
 
 
 _Exposure = tuple[int, FloatArray, FloatArray | None]
-"""Exposed lines: stamp of the newest line [ns], poses and velocities as in `LineCamera.lines`."""
+"""Stamp of the newest line [ns]; poses of all lines; velocities of all lines, None for no blur."""
 
 
 class LineExposures:

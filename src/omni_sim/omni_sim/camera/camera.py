@@ -91,8 +91,9 @@ class LineCamera:
         and the gain of the pixel, shape (m, pixels).
 
         Args:
-            poses: as in `lines`.
-            velocities: as in `lines`.
+            poses: poses of `base_link` [m, m, rad], one per line, shape (m, 3).
+            velocities: time derivatives of the poses, shape (m, 3), for motion blur; None for no
+                blur.
 
         Raises:
             ValueError: a pose is not finite.
@@ -108,8 +109,9 @@ class LineCamera:
         """Return the mean gray level of each pixel's footprint, shape (m, pixels).
 
         Args:
-            poses: as in `lines`.
-            velocities: as in `lines`.
+            poses: poses of `base_link` [m, m, rad], one per line, shape (m, 3).
+            velocities: time derivatives of the poses, shape (m, 3), for motion blur; None for no
+                blur.
         """
         if velocities is None or self._configuration.exposure_time == 0.0:
             return self._integrate(poses)
@@ -160,7 +162,7 @@ class LineCamera:
 
         Args:
             ground: result of `ground`, shape (m, pixels).
-            first_line: as in `lines`.
+            first_line: index of the first line since the start of the run.
         """
         exposure = self._configuration
         grays = ground if self._transmission is None else ground * self._transmission
@@ -229,7 +231,8 @@ class LineCameraArray:
 
         Args:
             name: name of the camera.
-            poses: as in `render`.
+            poses: x, y, yaw of `base_link` in the world [m, m, rad] at the middle of each line's
+                exposure, shape (m, 3).
             velocities: time derivatives of these poses [m/s, m/s, rad/s], shape (m, 3), for motion
                 blur; None for no blur.
         """

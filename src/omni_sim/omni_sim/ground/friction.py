@@ -66,7 +66,14 @@ class FrictionMap:
 
 @lean
 def friction_at(base: float, table: FloatArray, x: float, y: float) -> float:
-    """Return the friction factor [1] at a point [m]; arguments as in `FrictionMap`."""
+    """Return the friction factor [1] at a point of the ground.
+
+    Args:
+        base: friction factor outside all patches [1].
+        table: table of the patches from `FrictionMap`, shape (P, 8).
+        x: coordinate x in the world [m].
+        y: coordinate y in the world [m].
+    """
     for row in range(table.shape[0] - 1, -1, -1):
         dx = x - table[row, 0]
         dy = y - table[row, 1]

@@ -203,7 +203,7 @@ class Rollers(NamedTuple):
         inertia: moment of inertia of a roller about its axis [kg m^2].
         stiffness: stiffness of a roller's tread [N/m].
         damping: damping of a roller's tread [N s/m].
-        overlap: overlap of the rollers, see `roller_geometry.RollerConfiguration`.
+        overlap: overlap of neighboring rollers, `RollerConfiguration.overlap` [1].
         constant: friction force at a roller's surface divided by the load, at a small load [1].
         growing: increase of this ratio per unit of load, Eq. (19) [1/N].
         state: state of the n rollers of each wheel, `ROLLER`, shape (N, n).

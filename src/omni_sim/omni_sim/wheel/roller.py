@@ -53,7 +53,7 @@ def load_share(gamma: float, half_pitch: float, overlap: float) -> float:
         gamma: wheel angle from the lowest position of this roller [rad], at most `half_pitch` in
             magnitude.
         half_pitch: half the angle between two rollers, ``pi / n`` [rad].
-        overlap: overlap of the rollers, see `roller_geometry.RollerConfiguration`.
+        overlap: overlap of neighboring rollers, `RollerConfiguration.overlap` [1].
     """
     into = (abs(gamma) / half_pitch - 1.0) / (2.0 * overlap) + 0.5
     if into <= 0.0:
