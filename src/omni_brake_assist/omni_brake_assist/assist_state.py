@@ -27,7 +27,7 @@ _STEP = np.dtype(
         ("faulty", "?"),  # whether a fault applied all brakes in the last step
         ("start_speed", "f8"),  # speed when the line was stored [m/s]
         ("observed_ns", "i8"),  # stamp of the last step [ns]
-        ("assisting", "?"),  # whether the law has been called since the pedal went down
+        ("assisting", "?"),  # False if the next step of the law is a first step, see `Motion.first`
         ("answer", "i8"),  # last return value of the law, such as ASSIST
         ("dead", "i8"),  # number of the wheel whose brake failed, counted from 1; 0 for none
     ]
@@ -94,8 +94,8 @@ class Memory(NamedTuple):
         brakes: state of the brake monitor, see `brake_monitor.brake_memory`, shape (2 N + 1,).
         law_speeds: wheel speeds given to the law [rad/s], NaN where faulty or unknown, shape (N,).
         commanded: brake enables of the last step [1], shape (N,).
-        answer: twist at the present time that the filter bank estimates [m/s, m/s, rad/s], shape
-            (3,).
+        answer: twist that the filter bank estimates for the present time [m/s, m/s, rad/s],
+            shape (3,).
         speeds: received wheel speeds [rad/s], NaN where not received, shape (N,).
         workspace: temporary storage for the IMU reading and the variances of the twist,
             shape (2, 3).

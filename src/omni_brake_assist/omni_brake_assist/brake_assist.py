@@ -65,9 +65,9 @@ class BrakeAssist:
         self._memory = assist_state.new_memory(self._wheels)
         self._faults: dict[int, Fault] = {}  # reasons for conditions that have no text in the table
         self._stamp_ns = 0
-        self._rejected_ns: dict[str, int] = {}  # stamp since which a source has been rejected
-        # Compile the kernel here, so that the first real step is as fast as all others. Its memory
-        # must not contain the stamp of this step.
+        self._rejected_ns: dict[str, int] = {}  # start of the present rejection of each source
+        # Compile the kernel here, so that the first real step is as fast as all others. Afterwards
+        # the memory is replaced, because it contains the stamp of this trial step.
         self._step(Inputs(0, 0.0, True, GOOD, *self._samples(BrakeDemand(0, 0.0, None))))
         self._memory = assist_state.new_memory(self._wheels)
 
@@ -87,7 +87,9 @@ class BrakeAssist:
             return self._all_on(conditions.INTERNAL_ERROR, fault)
 
     def timeout(self, stamp_ns: int, silence: Fault) -> Decision:
-        """Return a decision with all brakes on after a timeout; restart the recovery count.
+        """Return a decision with all brakes on, because an input is silent or has two publishers.
+
+        The count of valid twists that ends the recovery starts again at 0.
 
         Args:
             stamp_ns: time of the decision [ns].
@@ -104,7 +106,8 @@ class BrakeAssist:
     def sources(self) -> tuple[Source, ...]:
         """Return the test ratio and state of each measurement source after the last decision.
 
-        The state REFUSED depends on the previous calls, one of which should follow each decision.
+        Call this method once after each decision, because the state REFUSED depends on the results
+        of previous calls.
         """
         now_ns, since_ns = self._stamp_ns, self._rejected_ns
         found = sources(self._memory, self._kinematics, self.configuration.fault_detection)
@@ -123,9 +126,9 @@ class BrakeAssist:
         self.configuration = dataclasses.replace(self.configuration, enabled=enabled)
 
     def check_wheel_names(self, names: Iterable[str]) -> Fault | None:
-        """Compare the wheel names in a message of the vehicle with those of the configuration.
+        """Return the fault if the wheel names in a message differ from those of the configuration.
 
-        If the names differ, all brakes stay on until a later message has the configured names.
+        If they differ, all brakes stay on until a later message has the configured names.
         Before the first message, the configuration is assumed to be correct.
 
         Args:
@@ -229,7 +232,8 @@ class BrakeAssist:
             words: names of fields in error messages, where they differ from those in `shapes`.
 
         Returns:
-            VALID, MISSING or INVALID; stamp [ns]; an array for each field, NaN unless valid.
+            VALID, MISSING or INVALID; stamp [ns]; one array for each field, which contains NaN
+            unless the sample is valid.
         """
         missing = [np.full(shape, np.nan) for shape in shapes.values()]
         if signal is None:
@@ -300,7 +304,9 @@ class BrakeAssist:
         return words
 
     def _all_on(self, check: int, fault: Fault) -> Decision:
-        """Return a decision with all brakes on because of a fault; restart the recovery count.
+        """Return a decision with all brakes on because of a fault.
+
+        The count of valid twists that ends the recovery starts again at 0.
 
         Args:
             check: condition of the fault, a row of `conditions.CONDITIONS`.

@@ -193,7 +193,7 @@ class BrakeAssistNode(Node):
         self._take(imu_reading_of(message))
         silent = self._imu_received - self._twist_received > self._feedback_timeout
         if silent and not self._lockstep:
-            self._answer()  # no twist has been received
+            self._answer()  # no twist arrives that would trigger the answer
 
     def _take(self, sample: Sample) -> None:
         """Store a sample; in lockstep, answer the step once all its inputs are received."""
@@ -207,7 +207,7 @@ class BrakeAssistNode(Node):
             self._publish(self._assist.update(demand))
 
     def _watch(self) -> bool:
-        """Return whether an input is missing or has two publishers; if so, put all brakes on."""
+        """Return whether an input is silent or has two publishers; if so, put all brakes on."""
         fault = self._second_publisher() or self._silence()
         if fault is not None and self._inputs.newest(PedalSample) is not None:
             self._publish(self._assist.timeout(self._inputs.newest_ns, fault))

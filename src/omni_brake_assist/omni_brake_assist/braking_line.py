@@ -19,8 +19,9 @@ Record = Any
 
 _LINE = np.dtype(
     [
-        ("stored", "?"),  # whether a line has been stored
-        ("across_x", "f8"),  # unit vector across it in the body axes when stored; 0 if none [1]
+        ("stored", "?"),  # whether the velocity at the start of braking has been stored
+        # Unit vector across the line in the body axes at that time; 0 if there is no line [1].
+        ("across_x", "f8"),
         ("across_y", "f8"),
         ("heading", "f8"),  # yaw angle turned since the line was stored [rad]
         ("yaw_rate", "f8"),  # yaw rate of the last twist [rad/s]
@@ -46,7 +47,9 @@ def forget_line(line: Record) -> None:
 
 @lean
 def store_line(line: Record, minimum_speed: float, v_x: float, v_y: float, yaw_rate: float) -> None:
-    """Store the line of motion along the given velocity, unless the speed is below the minimum.
+    """Store the line of motion along the given velocity.
+
+    If the speed is below the minimum, the record states that there is no line to keep.
 
     Args:
         line: memory of the line, changed in place.
@@ -81,7 +84,7 @@ def advance_line(line: Record, dt: float, yaw_rate: float) -> None:
 def perpendicular(line: Record) -> tuple[float, float]:
     """Return the unit vector ``p`` across the line of motion in the present body frame [1].
 
-    Both components are zero if no line is stored.
+    Both components are zero if there is no line to keep.
     """
     c, s = math.cos(line.heading), math.sin(line.heading)
     p_x, p_y = line.across_x, line.across_y

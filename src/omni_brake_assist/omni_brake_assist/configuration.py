@@ -67,8 +67,8 @@ class BrakeAssistConfiguration(Configuration):
     """Tuning constant k of the weighting enhanced, an odd number; with a larger k, the weighting is
     closer to `zero`"""
     max_rotation: float = parameter(0.3, unit="deg", minimum=0.0, maximum=360.0)
-    """Limit up to which the law allocation leaves changes of the heading and of the direction of
-    motion uncorrected"""
+    """Change of the heading, and change of the direction of motion, up to which the law allocation
+    makes no correction"""
     nominal_mass: float = parameter(1000.0, unit="kg", above=0.0, maximum=1.0e6)
     """Approximate mass of the vehicle, the initial value of the mass estimate of the law
     allocation"""
@@ -125,8 +125,8 @@ class BrakeAssistConfiguration(Configuration):
     imu_y: float = parameter(0.0, unit="m", minimum=-100.0, maximum=100.0)
     """Position of the IMU, measured to the left from the platform center"""
     feedback_delay: float = parameter(0.0, unit="s", minimum=0.0, maximum=0.2)
-    """Difference between the stamp of the twist and the earlier time of the motion that it
-    describes; compensated by prediction with the IMU"""
+    """Time from the motion that a twist describes to the stamp of the twist; compensated by
+    prediction with the IMU"""
     frozen_time: float = parameter(0.2, unit="s", minimum=0.0, maximum=60.0)
     """Time after which a twist that does not change is implausible, while the vehicle brakes above
     the speed threshold (0: never)"""

@@ -32,7 +32,7 @@ GATE_STATE = np.dtype(
         ("cause", "i8"),  # condition that closed the gate, GOOD while it is open
         ("value", "f8"),  # value that violated the condition
         ("limit", "f8"),  # limit on this value
-        ("within", "f8"),  # time in which the value changed, if it is a change [s]
+        ("within", "f8"),  # duration of the change if the value is a change; otherwise 0 [s]
         ("good", "i8"),  # number of consecutive valid twists since the gate closed
         ("clocked", "?"),  # whether a demand has been received; the next field is its stamp [ns]
         ("now_ns", "i8"),
@@ -42,7 +42,7 @@ GATE_STATE = np.dtype(
         ("v_y", "f8"),
         ("yaw_rate", "f8"),
         ("unchanged_ns", "i8"),  # stamp since which the twist has not changed [ns]
-        ("uncertain", "?"),  # whether the variance of the last twist was too large without an IMU
+        ("uncertain", "?"),  # whether the last twist would be too uncertain without an IMU
     ]
 )
 """Data type of the gate's memory, which `new_gate` creates."""
@@ -113,7 +113,7 @@ def new_gate() -> NDArray[np.void]:
 
 @lean
 def close_gate(gate: Any, check: int, value: float, limit: float, within: float) -> None:
-    """Close the gate because of a violated condition, and restart the recovery count.
+    """Close the gate because of a violated condition, and set the recovery count to 0.
 
     Args:
         gate: memory, a record of `GATE_STATE`.
@@ -133,7 +133,7 @@ def close_gate(gate: Any, check: int, value: float, limit: float, within: float)
 def check_inputs(
     limits: Limits, memory: Any, now_ns: int, sample: TwistSample, braking: bool, weighed: bool
 ) -> bool:
-    """Check the latest inputs at the time of a demand.
+    """Check the stamp of a demand and the latest twist, and open or close the gate.
 
     Args:
         limits: limits within which a twist is valid.
@@ -218,8 +218,8 @@ def _is_finite(gate: Any, sample: TwistSample) -> bool:
 def _is_fresh(limits: Limits, gate: Any, now_ns: int, stamp_ns: int) -> bool:
     """Return whether the stamp of a twist [ns] is valid at the time of a demand, `now_ns`.
 
-    The stamp must differ from this time by the timeout at most. It must not be earlier than that of
-    the last valid twist.
+    The difference between the stamp and `now_ns` must not exceed the timeout. The stamp must not be
+    earlier than the stamp of the last valid twist.
     """
     age, timeout = since(now_ns, stamp_ns), limits.timeout_ns
     if age > timeout:
@@ -280,7 +280,7 @@ def _is_same(gate: Any, twist: FloatArray) -> bool:
 def _follows(limits: Limits, gate: Any, sample: TwistSample, braking: bool) -> bool:
     """Return whether a twist is physically possible after the last valid twist.
 
-    If the driver brakes (`braking`), a twist that has not changed for too long is not possible.
+    While the driver brakes (`braking`), a twist that has not changed for too long is not possible.
     """
     stamp_ns, twist = sample.stamp_ns, sample.value
     if not gate.known:
@@ -344,7 +344,7 @@ def checked_stamp(value: Any) -> int:
 
 
 def real_array(value: Any, shape: tuple[int, ...], name: str) -> FloatArray:
-    """Return a copy of a sequence of numbers as an array; `name` is its name in error messages.
+    """Return a copy of a sequence of numbers as an array; error messages call it `name`.
 
     Raises:
         ValueError: the values are not real numbers or have another shape.

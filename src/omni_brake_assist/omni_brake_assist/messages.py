@@ -51,7 +51,7 @@ def imu_reading_of(message: Any) -> ImuSample:
 
 
 def upwards_problem(upwards: float) -> str:
-    """Return what is wrong with the mean upward specific force of an IMU [m/s^2]; else nothing."""
+    """Return a warning if the mean upward specific force [m/s^2] is far from 1 g; else empty."""
     if abs(upwards - _GRAVITY) <= _UPWARDS_TOLERANCE:
         return ""
     return (

@@ -12,10 +12,11 @@ _S = TypeVar("_S")
 class StepPairing:
     """Stores the newest sample of each input; pairs each pedal value with the twist of its step.
 
-    The samples may arrive in any order. The newest camera line of a step may be up to one line
-    period older than the step. A twist therefore belongs to the first demand whose stamp is not
-    before the stamp of the twist. Wheel speeds and IMU readings have the stamp of their step. If
-    the sampling period of the twist is longer than a step, a twist belongs to all steps within it.
+    The samples may arrive in any order. The stamp of a twist is the time of the newest camera line,
+    which may be up to one line period earlier than the step. A twist therefore belongs to the first
+    demand whose stamp is not earlier than the stamp of the twist. Wheel speeds and IMU readings
+    have the stamp of their step. If the sampling period of the twist is longer than a step, a twist
+    belongs to all steps within this period.
 
     Args:
         fault_detection: whether a demand waits for the wheel speeds of its step.

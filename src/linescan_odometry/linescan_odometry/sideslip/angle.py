@@ -11,7 +11,7 @@ this is also true for a wheel that rolls backward.
 
 The dissertation writes ``-arctan(v_par / |v_b|)`` and calls v_par the forward and v_b the sideways
 velocity. Taken literally, a wheel that rolls straight ahead would have an angle of 90 deg. The
-dissertation therefore exchanges the two names: v_par is the velocity that a camera parallel to the
+dissertation evidently exchanges the two names: v_par is the velocity that a camera parallel to the
 axis of rotation measures, which is the sideways velocity.
 
 v_f must be the velocity of the wheel's center over the ground. The rim speed omega R (wheel speed
@@ -117,7 +117,7 @@ class WheelSideslip:
     def measure(
         self, reading: SensorReading, forward: float, yaw_rate: float, covariance: FloatArray
     ) -> SideslipEstimate:
-        """Return the sideslip from the camera's reading and the motion across its axis.
+        """Return the sideslip from the camera's reading and the motion of the wheel.
 
         Args:
             reading: reading of the camera.

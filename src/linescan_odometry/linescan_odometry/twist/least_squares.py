@@ -39,7 +39,9 @@ from omni_platform.quantities import FloatArray
 from omni_platform.sensors import Mount, sensor_matrix
 
 _NARROWEST = math.sin(math.radians(5.0)) ** 2
-_CHECKED = 1e-6  # ratio of residual to sensor variance below which the others cannot check a sensor
+# If the variance of a sensor's residual is a smaller share of the sensor's variance, the other
+# sensors cannot check this sensor [1].
+_CHECKED = 1e-6
 _WEAKEST_LEVER = 0.05  # smallest ratio of the effective lever arm to the spread of the sensors
 
 

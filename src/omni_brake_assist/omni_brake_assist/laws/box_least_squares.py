@@ -134,7 +134,7 @@ def _release(box: Box) -> bool:
 
 @lean
 def _find_step(box: Box) -> None:
-    """Compute the step to the minimum over the free unknowns; all other unknowns keep their value.
+    """Write to `box.step` the step to the minimum over the free unknowns; 0 for the others.
 
     ``d step = b' y - slope`` with ``(1/w + b 1/d b') y = b 1/d slope``.
     """
@@ -160,7 +160,10 @@ def _find_step(box: Box) -> None:
 
 @lean
 def _solve(matrix: FloatArray, y: FloatArray) -> None:
-    """Solve ``matrix x = y`` by Cholesky factorization of the lower triangle; x replaces y."""
+    """Solve ``matrix x = y``, and write x to `y`.
+
+    The lower triangle of `matrix` is replaced by its Cholesky factor.
+    """
     n = y.size
     for r in range(n):
         for s in range(r + 1):

@@ -21,7 +21,7 @@ from omni_platform.kernels import lean
 
 DECELERATION, YAW, SIDE = range(3)
 _DAMPED = 2.0  # ratio of the two time constants for a damping of 1/sqrt(2) [1]
-_SPREAD = 1e-3  # weight of the squared forces, which shares a force between equal wheels [1]
+_SPREAD = 1e-3  # weight of the squared forces; it distributes a force equally to equal wheels [1]
 # Weight of the heading after a brake has failed [1]. The other brakes can keep heading and line of
 # motion only with less deceleration. Of the weights from 0.4 to 2, this one reduces the rotation
 # without making stops much longer than with all brakes on (`study faults`). After a failure the
@@ -34,8 +34,8 @@ _ROUNDING = 20.0  # weight of the quadratic part of the costs near zero [1]
 def new_qp(wheels: int) -> Box:
     """Return the quadratic program of N wheels; `allocate` writes the values of each step.
 
-    The unknowns are the used shares of the wheels' capacities. They are followed, for each of `YAW`
-    and `SIDE`, by the amount above the demand and the amount below the demand.
+    The first N unknowns are the used shares of the wheels' capacities. The other unknowns are the
+    amount above the demand and the amount below the demand, first for `YAW`, then for `SIDE`.
     """
     qp = new_box(3, wheels + _SLACKS)
     qp.damping[:] = _SPREAD / wheels**2
@@ -54,7 +54,8 @@ def allocate(law: Constants, memory: Memory, motion: Motion) -> None:
     total = wheel["capacity"].sum()
     per = body.force / body.deceleration / total  # share per acceleration [s^2/m]
     speed = math.hypot(motion.v_x, motion.v_y)
-    # The time constants follow the remaining time of the stop; the inner loops must be faster.
+    # The time constants are proportional to the remaining time of the stop. Their lower limit
+    # ensures that the inner loops are faster.
     time = max(CASCADE**2 * law.observer_time, law.return_share * speed * per)
     outer = _DAMPED * time
     # The parts of the deviations that exceed their limits.
@@ -85,10 +86,10 @@ def allocate(law: Constants, memory: Memory, motion: Motion) -> None:
 def best_pattern(memory: Memory) -> int:
     """Return the pattern of valves whose predicted forces have the lowest cost in the solved QP.
 
-    Bit `i` of a pattern is set if valve `i` is open. A wheel whose brake force far exceeds its
-    capacity slides beyond the predicted time, whether its valve is open or shut. The valve must be
-    shut to let the brake force decrease. Of several patterns with equal cost, the first one is
-    therefore chosen.
+    Bit `i` of a pattern is set if valve `i` is open. If the brake force of a wheel far exceeds its
+    capacity, the wheel slides during the whole prediction with an open or a shut valve, so both
+    have the same cost. The function then returns the smallest number, in which the valve is shut,
+    so that the brake force decreases.
     """
     qp, n = memory.qp, memory.wheel.size
     least, best = math.inf, 0

@@ -52,10 +52,11 @@ def step(
     error: FloatArray,
     enable: FloatArray,
 ) -> int:
-    """Call the chosen law, unless it was already called for this stamp; arguments as in `Law.step`.
+    """Call the chosen law and return its result; HELD if it was already called for this stamp.
 
-    After a brake has failed, `allocation` controls the rest of the stop with the working brakes if
-    `LawConstants.replans` is true; otherwise the result is NO_HELP.
+    The arguments `motion`, `error` and `enable` are those of `Law.step`. After a brake has failed,
+    `allocation` controls the rest of the stop with the working brakes if `LawConstants.replans` is
+    true; otherwise the result is NO_HELP.
     """
     if not is_new(motion):
         return HELD

@@ -1,9 +1,9 @@
 """Interface of a control law: its input `Motion` and its output, the brake enables.
 
-A law is called once for each new time stamp at which the pedal is down and the motion is known. Its
-result is reused for further demands with the same stamp. For each wheel the law returns the share
-of the brake pressure that should pass. The fail-safe reactions are in `assist_step`, so a law needs
-no such reactions.
+While the pedal is down and the motion is known, a law is called once for each new stamp of the
+motion. Its result is reused for further demands with the same stamp. For each wheel the law writes
+the share of the brake pressure that should pass. The fail-safe reactions are in `assist_step`, so a
+law needs no such reactions.
 """
 
 import sys
@@ -20,7 +20,7 @@ from omni_platform.quantities import FloatArray
 
 # Results of a law. ASSIST: apply the enables. NO_HELP: put all brakes on, because releasing some of
 # them would not help, or too few wheel speeds are known. FAILED: the law raised an error. HELD: the
-# law was not called, because no time had passed since its last call.
+# law was not called, because the motion has the same stamp as in the last call.
 ASSIST, NO_HELP, FAILED, HELD = range(4)
 
 NO_WHEEL = -1
@@ -31,7 +31,7 @@ class Motion(NamedTuple):
 
     Attributes:
         first: whether this is the first step of a stop or of a new line of motion.
-        dt: time since the twist of the previous step [s]; 0 only in the first step.
+        dt: time since the motion of the previous step [s]; a law receives 0 only in the first step.
         v_x: velocity of base_link along x in the body frame [m/s].
         v_y: velocity of base_link along y in the body frame [m/s].
         yaw_rate: yaw rate [rad/s].
@@ -57,7 +57,7 @@ class Motion(NamedTuple):
 
 @lean
 def is_new(motion: Motion) -> bool:
-    """Return whether a law must be called: a stop begins, or the stamp has changed."""
+    """Return whether a law must be called: at its first step, or because the stamp is new."""
     return bool(motion.first or motion.dt > 0.0)
 
 
@@ -69,7 +69,7 @@ class Law(Protocol):
 
         Args:
             motion: motion of the vehicle and its wheels.
-            error: output, error of each wheel that the law defines [m/s], shape (N,); it is only
+            error: output, error of each wheel as the law defines it [m/s], shape (N,); only
                 recorded.
             enable: output, share of the brake pressure that passes, 0 to 1, shape (N,).
 
@@ -84,10 +84,11 @@ _reported: set[type] = set()  # laws whose first error has been printed
 def call_law(
     law: Law, motion: Motion, error: FloatArray, enable: FloatArray, *, enabled: bool = True
 ) -> tuple[int, str]:
-    """Call a user's law; return its result, and an error message, which is empty without an error.
+    """Call a user's law, and return its result and an error message.
 
-    If the law may release brakes (`enabled`), this function prints the first exception to standard
-    error, with the lines of the law's file at which it occurred.
+    The result is one of the constants above, such as ASSIST. The message is empty unless the result
+    is FAILED. If the law may release brakes (`enabled`), this function also prints the first error
+    to standard error, with the lines of the law's file at which the error occurred.
     """
     if not is_new(motion):
         return HELD, ""

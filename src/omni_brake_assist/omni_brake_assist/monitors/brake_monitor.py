@@ -27,10 +27,10 @@ from omni_platform.geometry import PlatformGeometry
 from omni_platform.kernels import lean
 from omni_platform.quantities import FloatArray
 
-_LEAST = 0.15  # smallest share of the full pressure to which sliding is attributed [1]
+_LEAST = 0.15  # smallest share of the full pressure that can cause sliding [1]
 _SLOW = 0.5  # smallest speed along the active direction for the detection [m/s]
-# Deviations of a rim's speed from rolling, in standard deviations of a rolling rim [1]: the one at
-# which rolling and slip are equally likely, and the smallest one of a sliding wheel.
+# Deviations of a rim's speed from rolling, in standard deviations of a rolling rim [1]. At the
+# first one, rolling and slip are equally likely. Above the second one, the wheel slides.
 _ROLLS, _SLIDES = 2.5, 9.0
 _SLIDE_VALIDITY = 0.5  # time for which detected sliding of any wheel remains valid [s]
 
@@ -81,10 +81,10 @@ def brake_constants(
 def brake_memory(wheels: int) -> FloatArray:
     """Return the initial memory of the brake monitor, shape (2 N + 1,).
 
-    The first N entries are the cumulative sums of the wheels [s]; a sum rises by the duration of
-    the step if a braked wheel rolls without slip. The next N entries are the times for which the
-    brakes were commanded to act, minus the times for which they were then released, at least 0 [s].
-    The last entry is the time since any wheel slid [s].
+    The first N entries are the cumulative sums of the wheels [s]. In each step in which a braked
+    wheel rolls without slip, its sum rises by the duration of the step. The next N entries [s] rise
+    while the brake is commanded to act, and fall to 0 at the same rate while it is released. The
+    last entry is the time since any wheel slid [s].
     """
     memory = np.zeros(2 * wheels + 1)
     memory[-1] = _SLIDE_VALIDITY

@@ -57,9 +57,9 @@ _LEDGER = np.dtype(
         ("force_y", "f8"),
         ("force_time", "f8"),  # duration for which the specific force has been known [s]
         ("best_force", "f8"),  # largest deceleration measured by the IMU [m/s^2]
-        ("force_pedal", "f8"),  # pedal position at that time [1]
+        ("force_pedal", "f8"),  # pedal position at the time of `best_force` [1]
         ("best_loss", "f8"),  # largest deceleration measured by the rims [m/s^2]
-        ("loss_pedal", "f8"),  # pedal position at that time [1]
+        ("loss_pedal", "f8"),  # pedal position at the time of `best_loss` [1]
         ("stalled", "f8"),  # time without much deceleration at the end of the stop [s]
     ]
 )
@@ -131,7 +131,7 @@ def watch_effect(
         memory: from `effect_memory`, changed in place.
         dt: length of the step [s].
         pedal: the driver's brake demand, 0 while the pedal is up [1].
-        released: whether any brake was released.
+        released: whether any brake was released during the step.
         speeds: current wheel speeds [rad/s], shape (N,); NaN where unknown.
         force: specific force along x and y [m/s^2], shape (2,); NaN if unknown.
     """
