@@ -13,7 +13,7 @@ def install(
     data: Iterable[str] = (),
     shared: Iterable[tuple[str, list[str]]] = (),
 ) -> None:
-    """Install the package in this folder, by its ``package.xml``, as an ament_python package.
+    """Install the package that ``package.xml`` in this folder describes (ament_python).
 
     Args:
         requires: packages that pip installs for the core; the nodes also require ROS.

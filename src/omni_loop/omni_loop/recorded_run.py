@@ -295,7 +295,7 @@ def stops_of(history: RunHistory) -> tuple[RunHistory, ...]:
 
 
 def _moves(history: RunHistory, index: int, least: float = 0.2) -> bool:
-    """Return whether speed or yaw rate of the vehicle at a stamp exceed `least` [m/s, rad/s]."""
+    """Return whether the speed [m/s] or the yaw rate [rad/s] at a stamp exceeds `least`."""
     twist = history.twist[index]
     return math.hypot(twist[0], twist[1]) > least or abs(twist[2]) > least
 

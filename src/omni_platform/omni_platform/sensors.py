@@ -97,7 +97,7 @@ class FlowSensor(Mount):
 def sensor_matrix(sensors: Mapping[str, Mount]) -> FloatArray:
     """Return the linear map from body twist to the velocities that sensors measure.
 
-    Each row is the `velocity_row` of a sensor's position along one of its `directions`.
+    Each row is the `velocity_row` of a sensor for one of its `directions`.
 
     Args:
         sensors: sensors, keyed by name.

@@ -27,7 +27,7 @@ from omni_platform.kernels import kernel, lean
 from omni_platform.quantities import SECOND_NS, FloatArray
 
 CHANNELS = ("twist", "gyro", "accelerometer", "encoder")
-"""Channels: the velocity sensor, gyro and accelerometer, the wheel encoders."""
+"""Channels: velocity sensor, gyro, accelerometer and wheel encoders."""
 
 KINDS = (
     *("offset", "drift", "ramp", "scale", "sine", "noise", "sign", "drop_out", "zero", "stuck"),

@@ -1,7 +1,7 @@
 """Optical-flow sensors, which count the displacement of the ground along two axes.
 
 A sensor integrates the motion of its mounting position along its own axes. At its own rate it
-returns the counts since the last reading, and the fraction of a count is kept for the next reading.
+returns the whole counts since the last reading; a remaining fraction is added to the next reading.
 The driver divides the counts by the elapsed time and publishes the velocity with the variance of
 noise and rounding. Above its maximum speed the sensor has no valid reading; real sensors report
 this as a low surface quality.

@@ -243,7 +243,7 @@ class Simulator:
     def _expose(
         self, lines: batches.LineExposures, trajectory: quantities.FloatArray, start_ns: int
     ) -> Mapping[str, signals.LineBatch]:
-        """Return the lines that each camera exposes after a start time until the present stamp.
+        """Return the lines that each camera exposes between a start time and the present stamp.
 
         Args:
             lines: renderer of the lines.

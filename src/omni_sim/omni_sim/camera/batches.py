@@ -180,15 +180,15 @@ class LineExposures:
             self._batches[name]
 
     def expose(self, trajectory: FloatArray, start_ns: int, end_ns: int) -> Mapping[str, LineBatch]:
-        """Return the lines that each camera exposes after a start time until an end time.
+        """Return the lines that each camera exposes between a start time and an end time.
 
         Call `complete` first. The lines are rendered in the background or when they are read.
 
         Args:
             trajectory: trajectory from `Vehicle.advance`, shape (n + 1, 6).
-            start_ns: start time, that of the trajectory's first row [ns]; -1 to include the
-                line at time 0.
-            end_ns: end time, that of the trajectory's last row [ns].
+            start_ns: start time, that of the trajectory's first row, not included [ns]; -1 to
+                include the line at time 0.
+            end_ns: end time, that of the trajectory's last row, included [ns].
         """
         taken: dict[float, _Exposure] = {}
         for rate, clock in self._clocks.items():

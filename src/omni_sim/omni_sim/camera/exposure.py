@@ -56,7 +56,7 @@ def expose(
 
 @functools.lru_cache(maxsize=16)
 def _quantiles(deviation: float) -> NDArray[np.float32]:
-    """Return a table of values, whose variance is half that of the noise.
+    """Return a table of values with half the variance of the noise.
 
     Args:
         deviation: standard deviation of the noise [gray levels of the output].

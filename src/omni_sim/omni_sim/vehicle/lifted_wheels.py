@@ -47,7 +47,7 @@ def stand_on_edge(
 def _spring_energy(
     position: FloatArray, z_x: float, z_y: float, a: float, b: float, c: float
 ) -> float:
-    """Return half the sum of the squared loads, minus the work of a unit weight.
+    """Return half the sum of the squared wheel loads, minus the work of a unit weight.
 
     This is the potential energy of wheels on springs of stiffness 1, if the weight acts at the
     zero-moment point. It is smallest in balance.

@@ -117,7 +117,9 @@ class Vehicle:
         )
 
     def _static_ride(self, largest: float = 0.5) -> quantities.FloatArray:
-        """Return heave [m] and gradients [1] at rest with equal mounting heights, shape (3,).
+        """Return heave [m] and gradients [1] of the chassis at rest, shape (3,).
+
+        All wheels have the same mounting height in this computation.
 
         Args:
             largest: limit on the phase by which an oscillation on the springs may advance in a

@@ -42,7 +42,7 @@ Intrinsic = tuple[Any, Callable[[Any, Any, Any, Any], Any]]
 
 @intrinsic
 def add_four(_context: Any, sums: Any, column: Any, texture: Any, offsets: Any) -> Intrinsic:
-    """Add the 32 columns of a block that begins at `column`, from each of four rows."""
+    """Add the 32 columns of the block that begins at `column`, in each of four rows, to `sums`."""
     return _adding(sums, texture, [offsets])
 
 
@@ -50,9 +50,9 @@ def add_four(_context: Any, sums: Any, column: Any, texture: Any, offsets: Any) 
 def add_four_between(
     _context: Any, sums: Any, column: Any, texture: Any, offsets: Any, bounds: Any
 ) -> Intrinsic:
-    """Add the columns ``bounds[0][r]`` to ``bounds[1][r] - 1`` of a block, from each row r.
+    """Add a part of the block that begins at `column`, in each of four rows, to `sums`.
 
-    The block begins at `column`.
+    This part consists of the columns from ``bounds[0][r]`` to ``bounds[1][r] - 1`` of row r.
     """
     return _adding(sums, texture, [offsets, bounds])
 

@@ -102,8 +102,8 @@ class PaddedTexture(NamedTuple):
         rows: gray levels minus `middle`, row by row; each row is continued periodically to `stride`
             texels.
         columns: transposed texture in the layout of `rows`.
-        middle: gray level stored as 0; it is near the mean, so that errors of the weights are
-            small.
+        middle: gray level stored as 0; it is near the mean, so that rounding of weights has little
+            effect.
         texels: texels per period.
         stride: number of texels in a padded row.
         texel: edge length of a texel [m].

@@ -104,7 +104,14 @@ class TMeasyConfiguration(Configuration):
     """Lateral curve"""
 
     def check_consistency(self) -> None:
-        """Check that curves are positive and do not cross at any load up to the largest one."""
+        """Check that the curves are valid at every load up to the largest one.
+
+        Slopes, forces and slips must be positive. The peak must be before the sliding point and
+        must not be below the sliding force.
+
+        Raises:
+            ConfigurationError: a curve is invalid; the message names the parameter.
+        """
         if self.nominal_load_2 <= self.nominal_load_1:
             raise ConfigurationError(
                 "nominal_load_2",
