@@ -71,7 +71,7 @@ def _given(node: Node) -> Mapping[str, Parameter]:
 
 
 def _whole_numbers_as_doubles(given: Parameter | None, kind: Any) -> Any:
-    """Return integers that are given for a parameter of doubles as doubles; otherwise None.
+    """Return integers that are given for a parameter of type double, as doubles; otherwise None.
 
     Without this conversion, ROS would reject an integer such as 1 for a double.
     """

@@ -102,8 +102,8 @@ def run_process(make_node: Callable[[], Node], run: Callable[[Node, Spinner], No
 def _limited_construction(stop: StopFlag) -> Iterator[None]:
     """Limit the time for which the construction of a node continues after a signal.
 
-    A signal does not end the process at once, because a subscription acknowledges messages before
-    the construction of its node ends. These messages would be lost. The process ends if the block
+    A subscription acknowledges messages before the construction of its node ends. If a signal ended
+    the process at once, these messages would be lost. The process therefore ends only if the block
     does not end in time.
     """
 

@@ -221,7 +221,10 @@ def _rows(names: Sequence[str]) -> dict[str, int]:
 
 
 def _column(values: Sequence[float], rows: dict[str, int], names: Sequence[str]) -> FloatArray:
-    """Return the value of each name, shape (N,); NaN, which releases no brake, for a missing name."""
+    """Return the value of each name, shape (N,).
+
+    A missing value is NaN, which releases no brake.
+    """
     found = (rows.get(name, len(values)) for name in names)
     return np.array([values[row] if row < len(values) else math.nan for row in found])
 

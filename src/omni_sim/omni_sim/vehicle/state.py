@@ -235,7 +235,7 @@ class Suspension(NamedTuple):
             next roller [m].
         ground: height of the ground under each wheel above the vehicle's plane [m], shape (N,).
         sunk: depth by which each wheel sinks into a gap between rollers [m], shape (N,).
-        chassis: `CHASSIS`, shape (1,).
+        chassis: state of the chassis, a record of `CHASSIS`, shape (1,).
     """
 
     stiffness: float

@@ -329,8 +329,8 @@ def _start(seen: Landmarks) -> FloatArray:
 def _values(unknowns: FloatArray) -> FloatArray:
     """Return the parameters of a curve for the unknowns of a fit, in the order of `_FITTED`.
 
-    Both differ in the slip and force of full sliding: the unknowns are their ratios to the slip and
-    force of the peak.
+    The unknowns are the parameters, except that slip and force of full sliding are given as ratios
+    to slip and force of the peak.
     """
     values = np.copy(unknowns)
     values[6:8] *= values[2:4]
