@@ -148,7 +148,7 @@ def read(
 
 @lean
 def state_covariance(sensor: SensorConstants, reading: FloatArray, covariance: FloatArray) -> None:
-    """Write the covariance of a reading; its noise is uniform and proportional to its value.
+    """Write the covariance of a reading, whose noise is uniform and proportional to the reading.
 
     Args:
         sensor: constants.

@@ -23,7 +23,7 @@ _TABLE_BITS = 12
 
 
 def noise_key(seed: np.random.SeedSequence, name: str) -> np.uint64:
-    """Return the key of a sensor's noise; it does not depend on the other sensors.
+    """Return the key of a sensor's noise, which does not depend on the other sensors.
 
     Args:
         seed: seed of the run, common to all sensors.

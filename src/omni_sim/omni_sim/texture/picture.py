@@ -3,8 +3,8 @@
 A picture is used like the dissertation's scans (section 4.4): its pixels are texels of known size.
 The user specifies the dots per inch on the ground, because files do not contain them reliably. The
 largest square in the middle is converted to 8-bit gray levels (ITU-R 601). Along two edges, a strip
-with a sixteenth of the square's width is blended with the picture beyond the opposite edges, so
-that the ground is seamless when tiled.
+with about a sixteenth of the square's width is blended with the strip along the opposite edge,
+which is then cut off. The ground is therefore seamless when tiled.
 """
 
 import struct

@@ -19,7 +19,7 @@ _MAXIMUM_ITERATIONS = 100
 def stand_on_edge(
     position: FloatArray, hull: IntArray, weight: float, z_x: float, z_y: float, loads: FloatArray
 ) -> bool:
-    """Write the loads if the zero-moment point is outside the polygon; return whether it is.
+    """Return whether the zero-moment point is outside the support polygon; if so, write the loads.
 
     The two wheels of the nearest edge then carry the whole weight.
     """

@@ -36,7 +36,7 @@ class BrakePressure(NamedTuple):
             dead times of applying and releasing, in steps.
         oldest: row of `delayed` that takes effect next, shape (1,).
         open: smallest share of the pressure that each valve can pass [1], shape (N,).
-        stuck: torque below which no demand for each brake falls [N m], shape (N,).
+        stuck: minimum of the demanded torque of each brake [N m], shape (N,).
         pressure_step: resolution of a valve [1], 1 for on-off, 0 for continuous.
         release_lag: number of steps by which releasing is slower than applying.
     """

@@ -14,7 +14,7 @@ _1 = np.uint64(1)
 
 
 class Edges(NamedTuple):
-    """Positions of the pixel edges along the integral, and its conversion to gray levels.
+    """Positions of the pixel edges along the integral, and scale of the resulting gray levels.
 
     Attributes:
         start: position of the first edge [cells].
