@@ -309,7 +309,7 @@ def to_mapping(configuration: Configuration) -> dict[str, Any]:
 
 
 def did_you_mean(name: str, known: Iterable[str]) -> str:
-    """Return ``; did you mean ...?`` if a known name is similar to `name`."""
+    """Return ``; did you mean ...?`` if a known name is similar to `name`, else an empty text."""
     # A word of three letters may have one wrong letter.
     close = difflib.get_close_matches(name, list(known), n=1, cutoff=0.66)
     return f"; did you mean {close[0]!r}?" if close else ""

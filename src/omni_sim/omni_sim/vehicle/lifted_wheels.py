@@ -158,9 +158,9 @@ def stand_on_some(
 def stand_on_triangle(
     position: FloatArray, hull: IntArray, weight: float, z_x: float, z_y: float, loads: FloatArray
 ) -> None:
-    """Write the loads of three wheels of the polygon whose triangle contains the zero-moment point.
+    """Write the loads of three wheels whose triangle contains the zero-moment point.
 
-    All other wheels have no load.
+    The three wheels are corners of the support polygon. All other wheels have no load.
     """
     loads[:] = 0.0
     o = hull[0]
