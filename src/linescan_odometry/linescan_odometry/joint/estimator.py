@@ -38,22 +38,49 @@ _SHIFTED = 25.0  # px within a batch; beyond it, ground and pattern can be separ
 
 
 class Estimate(NamedTuple):
-    """Displacement estimated from a batch of lines.
+    """Displacement estimated from a batch of lines, and the camera's fixed pattern.
 
     Attributes:
         value: mean displacement per line [px].
         variance: variance of the displacement [px^2].
-        reason: reason why the displacement is invalid; empty for a valid displacement.
+        flaw: reason why the displacement is invalid, empty for a valid displacement; a replacement
+            field in it stands for the number of features.
+        features: effective number of independent features that move with the displacement; 0 if the
+            displacement was rejected before the fit.
         rest: logarithm of the gray levels, minus the fixed pattern, shape (m, n). If the
-            displacement was rejected before the fit, `rest` contains the unchanged lines.
+            displacement was rejected before the fit, the pattern is not subtracted.
         coherence: coherence between neighboring lines [1].
+        pattern: fixed pattern after this batch.
     """
 
     value: float
     variance: float
-    reason: str
-    rest: spectra.Floats | Lines
-    coherence: float = 0.0
+    flaw: str
+    features: float
+    rest: spectra.Floats
+    coherence: float
+    pattern: FixedPattern
+
+    @property
+    def reason(self) -> str:
+        """Reason why the displacement is invalid; empty for a valid displacement."""
+        return self.flaw.format(self.features)
+
+
+class _Camera(NamedTuple):
+    """Constants of a camera.
+
+    Attributes:
+        taper: factor by which each pixel is multiplied before the transform, shape (n,).
+        weight: weight of each frequency in the search for candidates, shape (F,).
+        stated: precision of the fixed pattern that is assumed until the camera has moved.
+        spread: prior standard deviation of the change of the displacement from line to line [px].
+    """
+
+    taper: spectra.Floats
+    weight: spectra.Floats
+    stated: float
+    spread: float
 
 
 class _View(NamedTuple):
@@ -97,20 +124,6 @@ class _Maximum(NamedTuple):
     fit: Fit
 
 
-class _Choice(NamedTuple):
-    """Candidate for the displacement that explains the lines best.
-
-    Attributes:
-        displacement: displacement per line [px].
-        moves: whether the candidate is a motion instead of rest.
-        reason: reason why the displacement is invalid; empty for a valid displacement.
-    """
-
-    displacement: float
-    moves: bool
-    reason: str
-
-
 class JointEstimator:
     """Estimates the displacements of a camera's lines, and the fixed pattern of the camera.
 
@@ -135,15 +148,16 @@ class JointEstimator:
                 relative to the gray level [1].
         """
         load_transforms()
-        self._limit, self._spread = limit, acceleration
+        self._limit = limit
         self._size = int(transform_size(2 * pixels))  # no shift wraps around
-        self._bins = int(spectra.HIGHEST * self._size)
-        self._taper = spectra.window(pixels)
+        bins = int(spectra.HIGHEST * self._size)
+        taper = spectra.window(pixels)
         self._tables = {1: spectra.log_table(8), 2: spectra.log_table(16)}
-        power = non_uniformity**2 * float((self._taper**2).sum())
-        self._stated = 1.0 / power if power > 0.0 else math.inf
-        self._weight = candidates.band_pass(self._size, self._bins)
-        self.pattern = FixedPattern(np.zeros(self._bins, np.complex64), np.zeros(self._bins))
+        power = non_uniformity**2 * float((taper**2).sum())
+        stated = 1.0 / power if power > 0.0 else math.inf
+        weight = candidates.band_pass(self._size, bins)
+        self._camera = _Camera(taper, weight, stated, acceleration)
+        self.pattern = FixedPattern(np.zeros(bins, np.complex64), np.zeros(bins))
 
     def estimate(self, lines: Lines, last: float = math.nan) -> Estimate:
         """Return the displacement estimated from a batch of lines.
@@ -155,153 +169,156 @@ class JointEstimator:
         m, n = lines.shape
         layout = candidates.Layout(m, n, self._size, self._limit)
         table = self._tables[lines.itemsize]
-        view = _transform(lines, table, self._taper, self.pattern, layout, (self._weight, last))
-        if not len(view.found):
-            return Estimate(0.0, math.inf, "no peak of the correlation", lines)
-        choice = self._choose(view, layout, last)
-        d, moves = choice.displacement, choice.moves
-        if choice.reason:
-            return Estimate(d, math.inf, choice.reason, lines)
-        # At rest, and with few lines, ground and pattern cannot be separated. The prior of the
-        # pattern then determines the split.
-        parted = moves and m >= FEWEST_LINES
-        deviations = self._stated, self._spread
-        best = _maximize(view, self._taper, self.pattern, layout, (d, parted), deviations)
-        fit, rest = best.fit, best.rest
-        if not np.isfinite(best.motion).all():
-            return Estimate(d, math.inf, "no maximum of the likelihood", rest)
-        d, variance = float(best.motion[0]), fit.variance
-        if not moves and not math.isfinite(variance):
-            variance = fit.white  # at rest all lines are equal, so few features suffice
-        reason = _flaw(fit, variance, moves, abs(d) * (m - 1))
-        if reason:
-            return Estimate(d, variance, reason, rest)
-        if parted:
-            self._learn(best.information, best.precision)
-            variance += candidates.scatter(view.remainder, layout, d, (_LIKELY, _RATIO))
-        return Estimate(d, variance, "", rest, fit.coherence)
-
-    def _choose(self, view: _View, layout: candidates.Layout, last: float) -> _Choice:
-        """Return the candidate for the displacement that explains the lines best.
-
-        At rest, only noise remains after the mean of all lines has been subtracted. If a motion
-        explains what remains, the vehicle is therefore not at rest.
-
-        Args:
-            view: the batch.
-            layout: sizes of the batch.
-            last: displacement per line in the previous batch [px]; NaN without a previous batch.
-        """
-        remainder, found = view.remainder, view.found
-        evidence = candidates.rate(remainder, layout, found)
-        best = int(np.argmax(evidence))
-        # If the shift within the batch is below the smallest distance between two peaks, the
-        # candidate counts as rest.
-        static = np.flatnonzero(abs(found) * (layout.lines - 1) < candidates.APART)
-        # Noise alone rarely exceeds half of the log-likelihood that a valid displacement requires.
-        if evidence[best] < _RATIO * _LIKELY and len(static):
-            c = float(found[static[0]])
-            rest = candidates.subtract(view.products, layout, view.known)
-            own = candidates.coherent(candidates.against_noise(rest, layout), layout, c, 1.0, 0)
-            return _Choice(c, False, "" if own > _LIKELY else "low texture")
-        if evidence[best] < _LIKELY:
-            return _Choice(float(found[best]), True, "low texture")
-        unlikely = np.zeros(len(found))
-        if math.isfinite(last):
-            # The limit ensures that the prior matters only if the lines cannot distinguish
-            # candidates.
-            change = (found - last) / (self._spread * layout.lines)
-            unlikely = np.minimum(0.5 * change**2, _RATIO * _LIKELY)
-        limits = _LIKELY, _RATIO
-        best, ambiguous = candidates.decide(remainder, layout, found, evidence, unlikely, limits)
-        return _Choice(float(found[best]), True, "ambiguous" if ambiguous else "")
-
-    def _learn(self, information: spectra.Spectrum, precision: spectra.Doubles) -> None:
-        """Update the fixed pattern with the pattern that was estimated from one batch.
-
-        The weight of earlier batches decays exponentially.
-
-        Args:
-            information: precision times mean of the pattern estimated from the batch, shape (F,).
-            precision: precision of this mean, shape (F,).
-        """
-        kept = np.float32(1.0 - 1.0 / _MEMORY)
-        before = self.pattern
-        self.pattern = FixedPattern(
-            before.information * kept + information, before.precision * kept + precision
-        )
+        estimate = _estimate(lines, table, self._camera, self.pattern, layout, last)
+        self.pattern = estimate.pattern
+        return estimate
 
 
-# Few long kernels are faster than many short ones: after each of them, a thread waits for Python's
+# One long kernel is faster than many short ones: after each of them, a thread waits for Python's
 # global interpreter lock, which the thread of another camera may hold.
 @kernel
-def _transform(
+def _estimate(
     lines: Lines,
     table: spectra.Floats,
-    taper: spectra.Floats,
+    camera: _Camera,
     pattern: FixedPattern,
     layout: candidates.Layout,
-    search: tuple[spectra.Floats, float],
-) -> _View:
-    """Return a batch in the frequency domain, with the candidates for its displacement.
+    last: float,
+) -> Estimate:
+    """Return the displacement estimated from a batch of lines.
 
     Args:
         lines: gray levels, shape (m, n).
         table: logarithm of each gray level.
-        taper: factor by which each pixel is multiplied before the transform, shape (n,).
+        camera: constants of the camera.
         pattern: fixed pattern before this batch.
         layout: sizes of the batch.
-        search: weight of each frequency, and displacement per line in the previous batch [px]; see
-            `candidates.find`.
+        last: displacement per line in the previous batch [px]; NaN without a previous batch.
     """
+    view = _transform(lines, table, camera, pattern, layout, last)
+    d, moves, flaw = _choose(view, layout, last, camera.spread)
+    if flaw:
+        return Estimate(d, math.inf, flaw, 0.0, view.logs, 0.0, pattern)
+    # At rest, and with few lines, ground and pattern cannot be separated. The prior of the pattern
+    # then determines the split.
+    parted = moves and layout.lines >= FEWEST_LINES
+    best = _maximize(view, camera, pattern, layout, d, parted)
+    if not np.isfinite(best.motion).all():
+        flaw = "no maximum of the likelihood"
+        return Estimate(d, math.inf, flaw, 0.0, best.rest, 0.0, pattern)
+    d, fit, variance = best.motion[0], best.fit, best.fit.variance
+    if not moves and not math.isfinite(variance):
+        variance = fit.white  # at rest all lines are equal, so few features suffice
+    flaw = _flaw(fit, variance, moves, abs(d) * (layout.lines - 1))
+    if parted and not flaw:
+        # The weight of earlier batches decays exponentially.
+        kept = np.float32(1.0 - 1.0 / _MEMORY)
+        pattern = FixedPattern(
+            pattern.information * kept + best.information, pattern.precision * kept + best.precision
+        )
+        variance += candidates.scatter(view.remainder, layout, d, (_LIKELY, _RATIO))
+    return Estimate(d, variance, flaw, fit.features, best.rest, fit.coherence, pattern)
+
+
+@kernel
+def _transform(
+    lines: Lines,
+    table: spectra.Floats,
+    camera: _Camera,
+    pattern: FixedPattern,
+    layout: candidates.Layout,
+    last: float,
+) -> _View:
+    """Return a batch in the frequency domain; for the arguments see `_estimate`."""
     logs = spectra.logarithms(lines, table)
-    transformed = spectra.spectra_of(logs, taper, layout.size)
+    transformed = spectra.spectra_of(logs, camera.taper, layout.size)
     products = candidates.correlate(transformed)
     known = shrink(pattern.information, pattern.precision)
-    found = candidates.find(products, layout, known, search[0], search[1])
+    found = candidates.find(products, layout, known, camera.weight, last)
     removed = products.mean if layout.lines >= FEWEST_LINES else known
     remainder = candidates.subtract(products, layout, removed)
     return _View(logs, transformed, products, known, found, remainder)
 
 
 @kernel
+def _choose(
+    view: _View, layout: candidates.Layout, last: float, spread: float
+) -> tuple[float, bool, str]:
+    """Return the candidate for the displacement that explains the lines best.
+
+    At rest, only noise remains after the mean of all lines has been subtracted. If a motion
+    explains what remains, the vehicle is therefore not at rest.
+
+    Args:
+        view: the batch.
+        layout: sizes of the batch.
+        last: displacement per line in the previous batch [px]; NaN without a previous batch.
+        spread: prior standard deviation of the change of the displacement from line to line [px].
+
+    Returns:
+        Displacement per line [px], whether it is a motion and not rest, and the reason why it is
+        invalid, empty for a valid displacement.
+    """
+    remainder, found = view.remainder, view.found
+    if len(found) == 0:
+        return 0.0, False, "no peak of the correlation"
+    evidence = candidates.rate(remainder, layout, found)
+    best = int(np.argmax(evidence))
+    # If the shift within the batch is below the smallest distance between two peaks, the candidate
+    # counts as rest.
+    static = np.flatnonzero(np.abs(found) * (layout.lines - 1) < candidates.APART)
+    # Noise alone rarely exceeds half of the log-likelihood that a valid displacement requires.
+    if evidence[best] < _RATIO * _LIKELY and len(static) > 0:
+        rest = candidates.subtract(view.products, layout, view.known)
+        noise, c = candidates.against_noise(rest, layout), found[static[0]]
+        own = candidates.coherent(noise, layout, c, 1.0, 0)
+        return c, False, "" if own > _LIKELY else "low texture"
+    if evidence[best] < _LIKELY:
+        return found[best], True, "low texture"
+    unlikely = np.zeros(len(found))
+    if math.isfinite(last):
+        # The limit ensures that the prior matters only if the lines cannot distinguish candidates.
+        change = (found - last) / (spread * layout.lines)
+        unlikely = np.minimum(0.5 * change**2, _RATIO * _LIKELY)
+    limits = _LIKELY, _RATIO
+    best, ambiguous = candidates.decide(remainder, layout, found, evidence, unlikely, limits)
+    return found[best], True, "ambiguous" if ambiguous else ""
+
+
+@kernel
 def _maximize(
     view: _View,
-    taper: spectra.Floats,
+    camera: _Camera,
     learned: FixedPattern,
     layout: candidates.Layout,
-    candidate: tuple[float, bool],
-    deviations: tuple[float, float],
+    start: float,
+    parted: bool,
 ) -> _Maximum:
     """Return the maximum of the likelihood near a candidate, found by Newton's method.
 
     Args:
         view: the batch.
-        taper: factor by which each pixel is multiplied before the transform, shape (n,).
+        camera: constants of the camera.
         learned: fixed pattern before this batch.
         layout: sizes of the batch.
-        candidate: displacement per line [px], and whether the pattern is estimated together with
-            the displacement.
-        deviations: two numbers. The first is the precision of the fixed pattern that is assumed
-            until the camera has moved. The second is the prior standard deviation of the change of
-            the displacement from line to line [px].
+        start: displacement per line of the candidate [px].
+        parted: whether the pattern is estimated together with the displacement.
     """
-    (start, parted), (stated, spread), size = candidate, deviations, layout.size
     motion, kappa = np.array([start, 0.0]), np.arange(layout.lines) - 0.5 * (layout.lines - 1)
     pattern, batch = view.known, np.zeros(len(view.known))
-    before = learned.precision + stated
+    before = learned.precision + camera.stated
     information, removed = view.known, view.products.mean
     # Steps are limited to 1 px, so they do not lead to another peak.
     for number in range(candidates.APART):
         if parted:
             paths = motion[0] * kappa + motion[1] * 0.5 * kappa**2
-            information, batch = observe(view.spectra, removed, paths, size)
+            information, batch = observe(view.spectra, removed, paths, layout.size)
             together = learned.information + information
             before = learned.precision + prior(together, learned.precision + batch)
             pattern = posterior(together, before + batch)
-        rest = spectra.without(view.logs, pattern, taper, size)
+        rest = spectra.without(view.logs, pattern, camera.taper, layout.size)
         removed = pattern
-        here = expand(rest, Precision(before, batch), motion, layout.limit, spread)
+        here = expand(rest, Precision(before, batch), motion, layout.limit, camera.spread)
         motion = motion + here.step
         # The first pattern is estimated at the candidate, so at least two steps are needed. After a
         # step of less than one standard deviation, a further step would change little.
@@ -311,6 +328,7 @@ def _maximize(
     return _Maximum(motion, rest, information, batch, assess(rest, here))
 
 
+@kernel
 def _flaw(best: Fit, variance: float, moves: bool, shift: float) -> str:
     """Return the reason why a maximum of the likelihood is invalid; empty if it is valid.
 
@@ -321,7 +339,7 @@ def _flaw(best: Fit, variance: float, moves: bool, shift: float) -> str:
         shift: total displacement within the batch [px].
     """
     if (moves and best.features < _FEWEST) or not math.isfinite(variance):
-        return f"dominated by {best.features:.1f} features"
+        return "dominated by {:.1f} features"
     if moves and best.difference > _TWO_MOTIONS:
         return "two motions"
     if not moves:
