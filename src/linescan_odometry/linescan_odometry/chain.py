@@ -151,8 +151,8 @@ class LineChain:
 
         Args:
             lines: lines of the batch.
-            joined: whether the lines follow those of the previous batch without a gap; the last
-                line of the previous batch is then stored in row 0.
+            joined: whether the lines follow the previous batch without a gap. If so, the last line
+                of the previous batch is stored in row 0.
         """
         count = len(lines)
         last = self._buffer[self._last_row].copy() if joined else None

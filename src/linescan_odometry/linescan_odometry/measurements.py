@@ -45,7 +45,7 @@ class SensorReading:
         correlation: mean correlation of the used line pairs at the peak, up to 1.
         inlier_share: share of the line pairs that were used, 0 to 1.
         measured: whether velocity and variance are valid.
-        reason: reason why both are invalid; empty if they are valid.
+        reason: reason why velocity and variance are invalid; empty if they are valid.
         static_time: time for which the view of the camera has not changed [s]; 0 if the view
             changed in this batch.
         remark: description of a defect with which the lines are still usable; empty without a
@@ -93,7 +93,7 @@ class FlowReading:
         covariance: covariance of the velocity [m^2/s^2], shape (2, 2); if not measured, the
             identity times `UNMEASURED_VARIANCE`.
         measured: whether velocity and covariance are valid.
-        reason: reason why both are invalid; empty if they are valid.
+        reason: reason why velocity and covariance are invalid; empty if they are valid.
     """
 
     velocity: FloatArray

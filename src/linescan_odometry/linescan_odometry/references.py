@@ -3,8 +3,8 @@
 The dark signal is measured with a covered camera, and the gains with an evenly lit white surface.
 Both are used to correct lines before a measurement. Pixels that receive hardly any light are
 interpolated. Dirt, shadows and mud are not part of the references; they are estimated together with
-the displacement. The file may also contain such an estimate from an earlier run, which then is the
-initial value of the estimator.
+the displacement. The file may also contain such an estimate from an earlier run. The estimator then
+uses it as its initial value.
 """
 
 from pathlib import Path

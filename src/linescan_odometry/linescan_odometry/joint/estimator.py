@@ -32,7 +32,7 @@ _RATIO = (
     0.5  # ratio of the second-best log-likelihood to the best one; above it the peak is ambiguous
 )
 _FEWEST = 7.5  # smallest number of independent moving features; a shadow's edge counts as up to 7
-_TWO_MOTIONS = 0.25  # px; a larger difference between neighboring and all lines means two motions
+_TWO_MOTIONS = 0.25  # px; limit on `Fit.difference`; a larger difference indicates two motions
 _LEAST_CONTRAST = 0.03  # gradient energy over noise; below it, wood may match another motion
 _SHIFTED = 25.0  # px within a batch; beyond it, ground and pattern can be separated
 
@@ -43,8 +43,7 @@ class Estimate(NamedTuple):
     Attributes:
         value: mean displacement per line [px].
         variance: variance of the displacement [px^2].
-        flaw: reason why the displacement is invalid, empty for a valid displacement; a replacement
-            field in it stands for the number of features.
+        flaw: format string of `reason`, with a replacement field for `features`.
         features: effective number of independent features that move with the displacement; 0 if the
             displacement was rejected before the fit.
         rest: logarithm of the gray levels, minus the fixed pattern, shape (m, n). If the
@@ -256,8 +255,8 @@ def _choose(
         spread: prior standard deviation of the change of the displacement from line to line [px].
 
     Returns:
-        Displacement per line [px], whether it is a motion and not rest, and the reason why it is
-        invalid, empty for a valid displacement.
+        Displacement per line [px]; whether it is a motion and not rest; and the reason why it is
+        invalid, which is empty for a valid displacement.
     """
     remainder, found = view.remainder, view.found
     if len(found) == 0:

@@ -148,7 +148,7 @@ def _prepare(lines: Lines, sums: NDArray[np.int64], padded: Floats, ends: _Ends)
 
 @njit(nogil=True, error_model="numpy", fastmath=_REORDER)
 def _cross_spectra(spectra: NDArray[np.complex64]) -> None:
-    """Multiply the spectrum of each line in place by the conjugate of the following spectrum.
+    """Multiply the spectrum of each line by the conjugate spectrum of the next line, in place.
 
     The spectrum of the last line does not change.
 
@@ -165,9 +165,10 @@ def _cross_spectra(spectra: NDArray[np.complex64]) -> None:
 
 @njit(nogil=True, error_model="numpy", fastmath=_REORDER)
 def _bound(product: Floats, ends: _Ends, pair: int, pixels: int, upper: Floats) -> np.float32:
-    """Write an upper bound of a pair's correlation at each shift; return the largest lower bound.
+    """Return the largest lower bound of a pair's correlation, and write upper bounds to `upper`.
 
-    The largest correlation is at a shift whose upper bound is at least this lower bound.
+    The bounds account for rounding errors. The largest correlation is at a shift whose upper bound
+    is at least the returned lower bound.
 
     Args:
         product: sum of the products of both lines at each shift, with the negative shifts at the

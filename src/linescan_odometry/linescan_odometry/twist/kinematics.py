@@ -1,4 +1,4 @@
-"""Kinematic constraint of a vehicle, which replaces a missing sensor.
+"""Kinematic constraint that replaces a missing sensor.
 
 Source: dissertation, section 4.6 and Figure 70. A wheel that is not steered rolls along the body's
 x axis and, as long as it grips, does not move sideways. The same is true for every point on the

@@ -76,7 +76,7 @@ class TwistSolver:
         minimum_lever: float,
         axle: float | None = None,
     ) -> None:
-        """Compute the rows of the sensors; an axle without sideways slip has the last row.
+        """Create the solver for the given sensors and, if there is one, an unsteered axle.
 
         Raises:
             ConfigurationError: the placement is singular or too weak, see `check_placement`.
@@ -86,8 +86,8 @@ class TwistSolver:
         self._minimum_lever = minimum_lever
         self._axle = axle
         matrix = _rows(sensors, axle)
-        # In this unit of the yaw rate, the columns have equal magnitude and the inverse is well
-        # scaled.
+        # With this unit of the yaw rate, the columns of the matrix have similar magnitudes, which
+        # reduces rounding errors of the inverse.
         self._unit = np.array([1.0, 1.0, 1.0 / max(float(np.abs(matrix[:, 2]).max()), 1e-9)])
         self._matrix = matrix * self._unit
         self._problems: dict[tuple[bool, ...], str] = {}
@@ -141,7 +141,9 @@ class TwistSolver:
     def solve(
         self, velocity: FloatArray, variance: FloatArray, measured: tuple[bool, ...]
     ) -> tuple[FloatArray, FloatArray]:
-        """Estimate the twist; `problem` must return an empty text for these sensors.
+        """Return the twist estimated from the velocities, and the covariance of the twist.
+
+        The sensors must determine the twist: `problem` must return an empty text.
 
         Args:
             velocity: velocities along the axes of the sensors [m/s], shape (R,); if there is an

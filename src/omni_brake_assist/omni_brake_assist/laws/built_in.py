@@ -14,14 +14,14 @@ SLIDING_MODE, ALLOCATION = range(2)
 
 
 class LawConstants(NamedTuple):
-    """Constants of all built-in laws, which one compiled kernel contains.
+    """Constants of all built-in laws. One compiled kernel contains all of these laws.
 
     Attributes:
         kind: number of the chosen law.
-        replans: whether `allocation` controls the rest of a stop after a brake has failed; true
-            only if the law is built in and the vehicle has at most `MOST_VALVES` brakes, all with
-            on-off valves. With proportional brakes, some vehicles would rotate more under
-            `allocation` than with all brakes on, so all brakes act after a failure.
+        replans: whether `allocation` controls the rest of a stop after a brake has failed. This
+            requires a built-in law and at most `MOST_VALVES` brakes, all with on-off valves. With
+            proportional brakes, some vehicles would rotate more under `allocation` than with all
+            brakes on, so all brakes act after a failure.
         sliding_mode: constants of the law `sliding_mode`.
         allocation: constants of the law `allocation`.
     """

@@ -1,4 +1,4 @@
-"""Monitor of the braking effect, which uses only pedal, wheel speeds and specific force.
+"""Monitor that detects too little braking effect from pedal, wheel speeds and specific force.
 
 A vehicle that decelerates by ``a`` although it could decelerate by ``c`` travels ``v (1 - a / c)
 dt`` farther than necessary. The monitor adds this length to the missed distance ``M``, adds the
