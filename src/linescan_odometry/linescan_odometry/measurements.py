@@ -52,7 +52,7 @@ class SensorReading:
             defect.
         reference_age: age of the earlier line that was compared with the newest line [s]; 0 without
             a comparison.
-        persistence: correlation of this earlier line and the newest line at their expected shift,
+        persistence: smallest correlation of this earlier line with three lines of the batch,
             divided by the correlation of neighboring lines [1].
         unmatched: whether the lines have contrast but do not match, or their displacement
             contradicts the motion.

@@ -34,7 +34,7 @@ def line_batch_of(message: Image | LineImage) -> LineBatch:
 
 
 def flow_of(message: TwistWithCovarianceStamped) -> Flow:
-    """Return the velocity that a flow sensor measured at its position, in its own axes.
+    """Return the velocity that a flow sensor measured at its position, in the sensor's axes.
 
     A driver marks a missing measurement by NaN or by a variance of at least 1e6 m^2/s^2.
     """

@@ -47,8 +47,8 @@ class _Solution:
         count: number of velocities that were used.
         assumed: whether the axle was used.
         scores: normalized residual of each sensor, and of the axle [1], shape (S,) or (S + 1,).
-        leverage: largest ratio of two squares that one faulty velocity can cause [1]: the error of
-            the twist, normalized by the covariance, and the score of this velocity.
+        leverage: largest possible effect of one faulty velocity [1]: squared error of the twist,
+            normalized by the covariance, divided by the squared score of the velocity.
         last_variance: variance of the last velocity in the order of the solver [m^2/s^2]: of the
             axle, or of the last sensor if there is no axle.
     """

@@ -27,7 +27,7 @@ class Plausibility:
             sensor: configuration of the line camera.
             maximum_acceleration: limit on the acceleration of the sensor along its axis [m/s^2]; 0
                 for no limit.
-            tolerance: limit on the error of a displacement, by which the range is widened [px].
+            tolerance: limit on the error of a displacement, added to the permitted difference [px].
         """
         self._period_ns = 1e9 / sensor.line_rate
         # Limit on the rate of change of the displacement per line [px/ns].

@@ -11,13 +11,13 @@ the wheel is negative. A valve that has just switched keeps its state for the mi
 - from the moment when the fastest wheel center is slower than the speed threshold, until the pedal
   is released or the speed rises above the threshold by more than a hysteresis (which happens on a
   slope where the brakes cannot hold the vehicle),
-- whenever an input (demand, wheels, time stamps or feedback) is invalid; see `fail_safe`.
+- during a fault, for example if an input is invalid or the motion is unknown; the module
+  `conditions` lists all faults.
 
-The assistant stores the line of motion when it receives the first valid feedback with the pedal
-down. All brakes act until this feedback arrives. After a gap in the feedback that is too long for
-the integration of the heading, the assistant stores a new line. If the vehicle only rotates at this
-time, it has no line of motion; the component ``s_perp`` of the errors, which keeps the vehicle on
-its line, is then zero.
+The assistant stores the line of motion when the motion is first known with the pedal down. All
+brakes act until then. After a gap in the feedback that is too long for the integration of the
+heading, the assistant stores a new line. A vehicle that only rotates at that time has no line of
+motion. The component ``s_perp`` of the errors, which keeps a vehicle on its line, is then zero.
 """
 
 import dataclasses

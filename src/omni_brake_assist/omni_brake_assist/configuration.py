@@ -92,8 +92,8 @@ class BrakeAssistConfiguration(Configuration):
     """Limit on the age of the twist, the IMU reading and the wheel speeds that are used; with an
     older twist all brakes are on, unless a current IMU reading allows dead reckoning"""
     maximum_time_step: float = parameter(0.25, unit="s", above=0.0, maximum=60.0)
-    """Limit on the time between two demands; after a longer gap in the feedback the heading is
-    unknown and a new line of motion is stored"""
+    """Limit on the time between two demands, and on the time between two twists over which the
+    heading is integrated; after a longer time, a new line of motion is stored"""
     recovery_count: int = parameter(3, minimum=1, maximum=1000)
     """Number of consecutive valid twists required before brakes are released, at start-up and
     after a fault"""

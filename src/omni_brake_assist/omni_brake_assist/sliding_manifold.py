@@ -1,10 +1,11 @@
 """Error functions of the wheels: the sliding manifold of Eqs. (44), (49)-(59).
 
 Source: V. Kalman, "On modeling and control of omnidirectional wheels", BME Budapest 2013,
-section 3.4. The error of each wheel has three components. They state whether the friction force of
-the wheel would reduce the velocity across the line of motion, the rotation, and the velocity along
-the motion. If their sum is negative, braking this wheel helps. The functions use kinematics only
-and require no mass, load or friction coefficient.
+section 3.4. The error of each wheel has three components: for the velocity across the line of
+motion, for the rotation, and for the velocity along the motion. A component is negative if the
+friction force of the braked wheel would reduce this motion. If the sum of the components is
+negative, the wheel is braked. The functions use kinematics only and require no mass, load or
+friction coefficient.
 
 Symbols, all in the body frame: ``v_c`` velocity of the platform center, ``Omega`` yaw rate, ``r_i``
 wheel positions, ``n_wi`` active directions, ``v_i`` velocities of the wheel centers, ``f_hat_i``
@@ -65,14 +66,15 @@ def wheel_error(
     Args:
         manifold: constants of the error functions.
         i: index of the wheel.
-        v_x: ``v_cx`` [m/s].
-        v_y: ``v_cy`` [m/s].
-        omega: ``Omega`` [rad/s].
-        p_x: x component of ``p`` in the present body frame [1]; zero without a line of motion.
+        v_x: velocity of the platform center, x [m/s].
+        v_y: velocity of the platform center, y [m/s].
+        omega: yaw rate [rad/s].
+        p_x: x component of the unit vector ``p`` across the line of motion, in the present body
+            frame [1]; zero without a line of motion.
         p_y: y component of ``p`` [1].
 
     Returns:
-        ``s_perp,i``, ``s_omega,i``, ``s_par,i`` [m/s].
+        ``s_perp,i``, ``s_omega,i``, ``s_par,i`` [m/s], see `ManifoldErrors`.
     """
     n_x, n_y = manifold.n_x[i], manifold.n_y[i]
     sliding = n_x * v_x + n_y * v_y + manifold.lever[i] * omega
@@ -107,9 +109,9 @@ class ManifoldErrors:
     """Components of the errors of N wheels [m/s], shape (N,) each.
 
     Attributes:
-        perpendicular: ``s_perp,i`` of Eq. (50).
-        angular: ``s_omega,i`` of Eq. (54).
-        parallel: ``s_par,i`` of Eq. (57).
+        perpendicular: component across the line of motion, ``s_perp,i`` of Eq. (50).
+        angular: component of the rotation, ``s_omega,i`` of Eq. (54).
+        parallel: component along the motion, ``s_par,i`` of Eq. (57).
     """
 
     perpendicular: FloatArray

@@ -153,8 +153,8 @@ def observe(
 def _defects(lines: Lines) -> NDArray[np.int64]:
     """Return the indices of the defective pixels, shape (d,), in lines of shape (m, n).
 
-    In the mean and in every line, a defective pixel differs in the same direction from the median
-    of the pixels within 2 px. In the mean over all lines, this difference is large.
+    A defective pixel differs from the median of the pixels within 2 px. The difference is large in
+    the mean over all lines, and has the same sign in this mean and in every line.
     """
     m, n = lines.shape
     mean = np.zeros(n, np.float32)

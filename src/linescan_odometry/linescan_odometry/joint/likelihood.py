@@ -163,7 +163,7 @@ def _cut(lines: Floats, paths: Doubles, limit: int) -> Cut:
 def _marginalize(
     spectra: Spectrum, turn: Spectrum, model: _Model, along: Doubles, white: Spectrum
 ) -> Doubles:
-    """Marginalize the fixed pattern: write the whitened lines of one block without it to `white`.
+    """Write the whitened lines of one block to `white`, with the fixed pattern marginalized.
 
     A pattern of variance V adds ``V u u'`` to T, with ``u_k = exp(-2 pi i f X_k)`` in the ground
     frame. With ``c = 1 / V + u' T^-1 u``, the log-likelihood decreases by ``log c / 2``, and

@@ -30,7 +30,7 @@ _COHERENCE_LAG = 6  # line spacing at which the loss of coherence is measured
 
 _fast = njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "nsz"})
 summing = njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "nsz", "reassoc"})
-"""Declares a kernel in which the compiler may reorder the terms of a sum, for speed."""
+"""Decorator for kernels in which the compiler may reorder the terms of a sum, for speed."""
 
 
 @summing
@@ -116,8 +116,8 @@ def spectra_of(logs: Floats, taper: Floats, size: int) -> Spectrum:
     """Return the spectra of the logarithm of lines.
 
     Args:
-        logs: logarithm of the lines, shape (m, n).
-        taper: factor of each pixel, shape (n,).
+        logs: logarithm of the gray levels, shape (m, n).
+        taper: factor by which each pixel is multiplied before the transform, shape (n,).
         size: length to which the tapered lines are padded with zeros [px].
 
     Returns:
@@ -140,9 +140,9 @@ def without(logs: Floats, pattern: Spectrum, taper: Floats, size: int) -> Floats
     """Return the logarithm of lines after subtraction of a fixed pattern, shape (m, n).
 
     Args:
-        logs: logarithm of the lines, shape (m, n).
+        logs: logarithm of the gray levels, shape (m, n).
         pattern: spectrum of the tapered logarithm of the pattern, shape (F,).
-        taper: factor of each pixel, shape (n,).
+        taper: factor of each pixel in `pattern`, shape (n,).
         size: length of the Fourier transform [px].
     """
     whole = np.zeros(size // 2 + 1, np.complex64)
@@ -154,7 +154,7 @@ def without(logs: Floats, pattern: Spectrum, taper: Floats, size: int) -> Floats
 
 @_fast
 def phases(paths: Doubles, size: int, count: int) -> Spectrum:
-    """Return ``exp(-2 pi i f X_k)`` for the first bins of a transform, shape (m, count).
+    """Return ``exp(-2 pi i f X_k)`` at the lowest frequencies f of a transform, shape (m, count).
 
     Args:
         paths: displacement X_k of each line [px], shape (m,).
@@ -212,7 +212,7 @@ def covariance(
     turn: Doubles,
     share: float,
 ) -> tuple[Doubles, Doubles]:
-    """Estimate the covariance model of each band by the method of moments.
+    """Return the covariance model of each band, estimated by the method of moments.
 
     Args:
         aligned: spectra in the ground frame, blocks of lines one after the other, shape (t, F).

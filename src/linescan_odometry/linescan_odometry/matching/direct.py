@@ -13,9 +13,9 @@ pixels would be smaller:
 | `spearman` | ``1 - r`` of the ranks within the overlap, ties at their mean |
 | `cosine` | ``1 - cos`` (83) |
 
-Divided by N, (79) is the root mean square divided by ``sqrt(N)``. Unlike its square, it therefore
-prefers longer overlaps. The first three distances are *not* invariant to a change of brightness,
-contrary to section 4.3.2; neither is the cosine at low contrast.
+The distance `euclidean` is the root mean square divided by ``sqrt(N)``. Unlike `squared_euclidean`,
+it therefore prefers longer overlaps. The first three distances are *not* invariant to a change of
+brightness, contrary to section 4.3.2. The cosine is not invariant at low contrast.
 
 Two methods of section 4.6 use the last displacement. With a **window**, only shifts near the last
 displacement are searched, as long as the best of these shifts is credible. A **prior** multiplies

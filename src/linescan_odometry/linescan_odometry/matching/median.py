@@ -23,7 +23,7 @@ def mark_inliers(
     tolerance: float,
     inlier: NDArray[np.bool_],
 ) -> None:
-    """Mark the displacements that are within a tolerance of the median of their group.
+    """Write to `inlier` whether each displacement is close to the median of its group.
 
     The pairs are divided into groups of nearly equal size, with at most `group_lines` pairs each.
     If no more than half of the pairs of a group agree, the whole group is invalid.
@@ -33,7 +33,7 @@ def mark_inliers(
         usable: whether each pair has a displacement, shape (m,).
         group_lines: limit on the number of pairs in a group.
         tolerance: limit on the distance from the median [px].
-        inlier: output, whether each displacement agrees, shape (m,).
+        inlier: output, whether each displacement agrees with the median, shape (m,).
     """
     total = displacement.shape[0]
     groups = -(-total // group_lines)

@@ -4,14 +4,15 @@ Around the integer shift s, each of the two lines is resampled by one FIR filter
 with a Gaussian, shifts by half of the fraction f (the older line forward, the newer one backward)
 and, in a second version, differentiates. Both lines thus pass through equal filters, which avoids a
 bias toward integer shifts. Means and contrasts are equalized, so a change of brightness has no
-effect. With ``e_i = old(i + s + f/2) - new(i - f/2)``, the filtered derivatives p of the new and q
-of the old line, and ``g = (p + q) / 2 = de/df``, a step is
+effect. Let ``e_i = old(i + s + f/2) - new(i - f/2)`` be the difference of the filtered lines, p the
+filtered derivative of the new line, q that of the old line, and ``g = (p + q) / 2 = de/df``. A step
+is
 
     f <- f - sum(e g) / sum(p q).
 
 The noise of one line is independent of that of the other, so ``sum(p q)`` is the gradient energy of
 the texture alone, whereas ``sum(g^2)`` would include the noise. The variance is computed at the
-last step. For white noise e, it would be the Cramer-Rao bound times the loss due to smoothing. But
+last step. If e were white, it would be the Cramer-Rao bound times the loss due to smoothing. But
 e is correlated along the line, because of the filter and, in sideways motion, because of texture
 that enters and leaves. Therefore e g is summed over blocks longer than this correlation: ``var f =
 sum_blocks(sum e g)^2 / sum(p q)^2``. In a mean over pairs, the errors of each block are first
@@ -173,7 +174,7 @@ def _filter(
 
 @njit(nogil=True, error_model="numpy", fastmath=_REORDER)
 def _step(filtered: NDArray[np.float32], errors: NDArray[np.float64]) -> float:
-    """Return a Gauss-Newton step [px], and write the error that each part of the overlap causes.
+    """Return a Gauss-Newton step [px], and write its error due to each part to `errors`.
 
     The step is infinite if the lines have no gradient.
 

@@ -18,8 +18,8 @@ v_f must be the velocity of the wheel's center over the ground. The rim speed om
 times radius) equals v_f only without longitudinal slip. On a braked wheel omega R is smaller, so
 the angle would be too large.
 
-If a camera is not at the wheel's center, or not exactly parallel to its axis, it also measures a
-part of the yaw rate and of v_f. Both parts are removed:
+If the camera is not at the wheel's center, or not exactly parallel to the wheel's axis of rotation,
+the camera also measures a part of the yaw rate and of v_f. Both parts are removed:
 
     v_s sin d = u - Omega cross(r_s - r_w, a) - v_f cos d,
 

@@ -71,9 +71,9 @@ class Keyframe:
             displacement: mean displacement per line [px].
 
         Returns:
-            Age of the stored line [s]; correlation of the gradients of this line and of lines of
-            the batch near their expected shift, divided by the correlation of neighboring lines
-            [1]. Both values are 0 if the view has hardly shifted.
+            Two numbers, which are 0 if the view has hardly shifted. The first is the age of the
+            stored line [s]. The second is the smallest correlation of this line with three lines of
+            the batch, divided by the correlation of neighboring lines [1].
         """
         span = len(lines) - 1
         pixels = lines.shape[1]
@@ -210,7 +210,7 @@ class ObliqueTextures:
     def unconfirmed(
         self, stamp_ns: int, readings: Mapping[str, SensorReading]
     ) -> dict[str, SensorReading]:
-        """Return the readings that may be wrong because of an oblique texture, as unmeasured.
+        """Return the readings that an oblique texture may have falsified, marked as unmeasured.
 
         The result is empty if no camera has lines that do not match. If a twist was measured
         shortly before, only cameras over oblique textures are rejected. Without such a twist, the

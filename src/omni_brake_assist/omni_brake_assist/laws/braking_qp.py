@@ -84,7 +84,7 @@ def allocate(law: Constants, memory: Memory, motion: Motion) -> None:
 
 @lean
 def best_pattern(memory: Memory) -> int:
-    """Return the pattern of valves whose predicted forces have the lowest cost in the solved QP.
+    """Return the pattern of open and shut valves with the lowest predicted cost in the solved QP.
 
     Bit `i` of a pattern is set if valve `i` is open. If the brake force of a wheel far exceeds its
     capacity, the wheel slides during the whole prediction with an open or a shut valve, so both
