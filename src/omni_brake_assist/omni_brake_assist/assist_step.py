@@ -30,8 +30,8 @@ from omni_platform.kernels import inlined, kernel, lean, lean_inline, linked
 from omni_platform.quantities import FloatArray
 from omni_platform.signals import VALID
 
-# In a stop without a valid twist, all brakes act once the speed falls below this share of the
-# initial speed [1]. An error of dead reckoning then cannot keep the vehicle rolling, and little
+# In a stop without a valid twist, this share of the initial speed is added to the speed below which
+# all brakes act [1]. An error of dead reckoning then cannot keep the vehicle rolling, and little
 # kinetic energy is left.
 _RECKONED_SHARE = 0.15
 
@@ -214,9 +214,9 @@ def _watch(
     dt: float,
     twist: tuple[float, float, float],
 ) -> None:
-    """Update the brake monitor, and store the wheel whose brake it finds to have failed.
+    """Update the brake monitor, and store the number of a wheel whose brake has failed.
 
-    The arguments are those of `brake_monitor.watch_brakes`.
+    The arguments `pedal`, `dt` and `twist` are those of `brake_monitor.watch_brakes`.
     """
     step = memory.step[0]
     wheels = brake_monitor.BrakedWheels(
@@ -226,7 +226,7 @@ def _watch(
         dead = brake_monitor.watch_brakes(constants.brakes, memory.brakes, dt, pedal, wheels, twist)
         step.dead = dead + 1
         if dead != NO_WHEEL:
-            step.assisting = False  # its memory assumes a working brake
+            step.assisting = False  # the memory of the law assumes a working brake
 
 
 @lean_inline
@@ -297,8 +297,8 @@ def _outcome(
         return conditions.DISABLED
     if inputs.pedal < constants.pedal_threshold:
         return conditions.INACTIVE
-    # The filter bank can replace a rejected twist. The faults above DEMAND_BACK in the table are
-    # faults of other inputs, for which no replacement exists.
+    # The filter bank can replace a rejected twist. The rows above DEMAND_BACK in the table are
+    # faults of other inputs, which nothing can replace.
     if step.fault < conditions.DEMAND_BACK or not ready:
         return int(min(step.fault, conditions.CONTRADICTED))
     if slow:
@@ -331,7 +331,9 @@ def _first_fault(step: Any, cause: int, outside: int, replans: bool) -> int:
 
 @lean
 def _hold(memory: Memory, answer: int, error: FloatArray, enable: FloatArray) -> int:
-    """Store the law's output, or restore its last output if the law was not called (HELD).
+    """Store the output of the law in `memory`.
+
+    If the law was not called (`answer` is HELD), write its last output to `error` and `enable`.
 
     Returns:
         Result of the law in its last call, such as ASSIST.
@@ -348,7 +350,7 @@ def _hold(memory: Memory, answer: int, error: FloatArray, enable: FloatArray) ->
 
 @lean
 def _is_any_on(enable: FloatArray, failed: int) -> bool:
-    """Return whether at least one brake is on, without counting the brake of wheel `failed`."""
+    """Return whether at least one brake other than that of wheel index `failed` is on."""
     on = False
     for i in range(enable.size):
         on |= enable[i] > 0.0 and i != failed
@@ -367,8 +369,8 @@ def _are_shares(error: FloatArray, enable: FloatArray) -> bool:
 def _is_slow(constants: Constants, step: Any, motion: Motion) -> bool:
     """Return whether the fastest wheel center, Eq. (38), is slower than the speed threshold.
 
-    If it was slower in the last step, the threshold is higher by the hysteresis. During dead
-    reckoning, the threshold is higher by a share of the initial speed.
+    If the wheel center was slower in the last step, the hysteresis is added to the threshold.
+    During dead reckoning, a share of the initial speed is added.
     """
     limit = constants.speed_threshold
     if step.slow:

@@ -67,7 +67,7 @@ def sources(memory: Memory, kinematics: PlatformKinematics, detects: bool) -> tu
     Args:
         memory: memory of the assistant.
         kinematics: kinematics of the wheels.
-        detects: whether fault detection is on, which needs all wheel speeds.
+        detects: whether fault detection is on. A missing wheel speed is then LOST, not MISSING.
     """
     best, gate = int(memory.bank.record[0]["best"]), memory.gate[0]
     force, gyro = map(float, memory.bank.ratio)
@@ -100,7 +100,7 @@ def sources(memory: Memory, kinematics: PlatformKinematics, detects: bool) -> tu
 
 
 def summary(decision: Decision, found: Sequence[Source]) -> tuple[int, str]:
-    """Return level and text for `/diagnostics`; at least a warning if a person must act."""
+    """Return level and text for `/diagnostics`. If a person must act, the level is not OK."""
     level, text = decision.state.level, decision.reason
     for state, remedy in _REMEDIES.items():
         names = ", ".join(

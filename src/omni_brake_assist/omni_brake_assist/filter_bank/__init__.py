@@ -6,7 +6,7 @@ Kalman filter that does not use the faulty sources. The state of the filter is `
 b_g, b_x, b_y, s, o)``. ``u = v + Omega k x p`` is the velocity of the point ``p`` in the body frame
 at which the IMU is mounted, and ``Omega`` the yaw rate. ``b_g``, ``b_x`` and ``b_y`` are the biases
 of gyro and accelerometer, ``s`` is the relative error of the wheel radii, and ``o`` the offset of
-the twist's yaw rate. At this point the specific force ``f`` gives the change of the velocity
+the twist's yaw rate. At the point ``p``, the specific force ``f`` gives the change of the velocity
 without the angular acceleration:
 
     u' = R(-Omega dt) u + R(-Omega dt / 2) (f - b) dt
@@ -26,16 +26,17 @@ base_link.
 To make their likelihoods comparable, all hypotheses explain the same readings. A reading of a
 faulty source is modeled as a random walk from the last reading, whose steps are as large as the
 vehicle's motion allows. A wheel is modeled as a mixture of rolling, sliding, locked and a faulty
-encoder, whose prior probabilities depend on the state of its brake. The probabilities of the
-hypotheses, and under each of them those of faulty encoders, are updated by Bayes' rule with a
-constant transition probability (Blom and Bar-Shalom 1988). These probabilities alone decide which
+encoder. The prior probabilities of these cases depend on the state of the brake. The probability of
+each hypothesis, and the probabilities of faulty encoders under it, are updated by Bayes' rule with
+a constant transition probability (Blom and Bar-Shalom 1988). These probabilities alone decide which
 source is isolated and when it recovers.
 
-The estimate is that of the most probable hypothesis. A component of a fused twist replaces the same
-component of the estimate if it has a smaller variance. No estimate exists if too many sources are
-faulty, if the variance is too large, or if the twist is isolated and either the IMU gives no
-reading or no released wheel rolls. All brakes then act. Unless only the variance is too large, they
-act until the pedal is released. Without an IMU, only the wheels can show that the twist is faulty.
+The filter of the most probable hypothesis gives the estimate. A component of a fused twist replaces
+the same component of the estimate if it has a smaller variance. No estimate exists if too many
+sources are faulty, if the variance is too large, or if the twist is isolated and either the IMU
+gives no reading or no released wheel rolls. All brakes then act. Unless only the variance is too
+large, they act until the pedal is released. Without an IMU, only the wheels can show that the twist
+is faulty.
 
 The filters run at the time of validity of the newest twist (delayed fusion horizon). With the
 readings of gyro and accelerometer, the estimate is predicted from that time to the present.

@@ -10,7 +10,7 @@ from omni_platform.kernels import lean
 from omni_platform.quantities import FloatArray
 
 _RESTART_NS = 100_000_000  # shortest time between two restarts of the filter with all sources [ns]
-_UNSUPPORTED = 0.2  # limit on the time without a twist or a rolling released wheel [s]
+_UNSUPPORTED = 0.2  # limit on the time without a rolling released wheel if there is no twist [s]
 _MIXING = 0.02  # weight of the best filter in each other filter per step, pedal up [1]
 
 
@@ -81,10 +81,10 @@ def estimate(
 
 @lean
 def _restart(memory: BankMemory, now_ns: int) -> None:
-    """Restart the filter of all sources from the best filter if a source has long been isolated.
+    """While a source is isolated, copy the best filter to the filter of all sources periodically.
 
-    If the source has recovered, it agrees with the estimate made without it, and the hypothesis
-    that no source is faulty becomes the most probable one again.
+    If the isolated source has recovered, it agrees with the copied state. The hypothesis that no
+    source is faulty then becomes the most probable one again.
     """
     record = memory.record[0]
     if record.best in (bank.ALL, bank.NO_ESTIMATE):
@@ -211,7 +211,7 @@ def _mix(memory: BankMemory, best: int) -> None:
 def _keep_precise(
     constants: BankConstants, memory: BankMemory, best: int, twist: bank.Twist, answer: FloatArray
 ) -> None:
-    """Replace each component of the estimate by that of the twist if the latter has less variance.
+    """Overwrite each component of `answer` for which the twist has less variance than the filter.
 
     Both variances describe the motion of base_link. A precise twist is better used directly, as the
     filter would only add its model errors. The twist is used directly only if its innovations are

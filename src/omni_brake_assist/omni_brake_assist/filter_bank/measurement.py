@@ -7,7 +7,7 @@ which source is faulty (see `state`). Gyro and twist are fused only if their tes
 probably rolls.
 
 A reading of a faulty gyro or twist is modeled as a random walk from the last reading, with steps as
-large as the vehicle's motion allows; that of a faulty encoder is uniformly distributed over a
+large as the vehicle's motion allows. A reading of a faulty encoder is uniformly distributed over a
 range. The likelihoods of hypotheses with and without the source are thus comparable.
 """
 
@@ -122,7 +122,7 @@ def _twist_innovation(memory: BankMemory, k: int, reading: float) -> float:
 
 @lean
 def fuse_twist(constants: BankConstants, memory: BankMemory, dt: float, twist: bank.Twist) -> None:
-    """Correct all filters that use the twist with a received twist.
+    """Correct the filters that use the twist, and update the likelihoods of all hypotheses.
 
     Args:
         constants: constants of the vehicle.
@@ -260,12 +260,12 @@ def _mixture(
     step: tuple[float, bool, bool],
     speeds: tuple[float, float, float],
 ) -> _Wheel:
-    """Return the probabilities and variance of the cases of wheel i.
+    """Return the model of wheel `i` in this step.
 
     Args:
         constants: constants of the vehicle.
         memory: memory of the bank.
-        i: number of the wheel.
+        i: index of the wheel.
         step: length of the step [s], whether the pedal is down, and whether the brake of this wheel
             acts.
         speeds: change of the speed of the rim since the last step, standard deviation of the slip
@@ -325,7 +325,7 @@ def _fuse_wheel(
         if k == memory.record[0].best:
             memory.wheel_ratio[i] = squared / GATE
         # Driven wheels slip in a turn. They may therefore correct the scale of the wheel radii, but
-        # no bias of another sensor, unless there is no twist, which would correct the biases.
+        # no bias of another sensor. Without a twist, only the wheels can correct the biases.
         first = SCALE if memory.record[0].received else bank.BIAS_RATE
         correct(memory, k, innovation, variance, (first, SCALE))
     # A reading that sliding could explain is no evidence that the encoder works.
@@ -351,7 +351,8 @@ def _update_encoder(constants: BankConstants, faults: FloatArray, i: int, odds: 
 def weigh_braking(constants: BankConstants, memory: BankMemory, now_ns: int, pedal: float) -> None:
     """Reduce the likelihoods of filters whose deceleration is too small or too large in a stop.
 
-    The lower limit is the deceleration on slippery ground, the upper limit is that of the tires.
+    The lower limit is the deceleration on slippery ground. The upper limit is the largest
+    deceleration that tires allow.
 
     Args:
         constants: constants of the vehicle.

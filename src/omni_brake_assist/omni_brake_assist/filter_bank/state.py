@@ -37,7 +37,7 @@ FAULTY = 0.5
 """Probability that an encoder is faulty above which the encoder is isolated [1]."""
 
 WHEEL = 0.03  # standard deviation of a rolling rim's speed and a fault-free twist's velocity [m/s]
-SHARE = 0.005  # further standard deviation of both and of yaw rates, as a share of the reading [1]
+SHARE = 0.005  # additional standard deviation of these speeds and of yaw rates, per reading [1]
 RELEASED = 0.05  # a brake with at most this enable counts as released [1]
 LEAST_FRICTION = 3.0  # deceleration with a friction coefficient of 0.3 if all wheels brake [m/s^2]
 # Prior probability that a source is faulty, that a driven wheel slides, or that a wheel rolls while
@@ -130,8 +130,8 @@ class BankConstants(NamedTuple):
         rebound_time: duration for which the tire springs back [s].
         weight: exponent of the likelihoods of a step, below 1 because errors are correlated [1].
         wheel_weight: exponent of the likelihoods of the wheels in a step [1].
-        drift: random walk of the constant states (biases, scale, offset) while the pedal is up,
-            per standard deviation at the start, which is also its limit [1/sqrt(s)].
+        drift: random walk of the constant states (biases, scale, offset) while the pedal is up, as
+            a share of their initial standard deviation [1/sqrt(s)].
         transition: probability of a transition between hypotheses in a step [1].
         velocity_deviation: limit on the standard deviation of the velocity of a valid estimate
             [m/s].
@@ -177,8 +177,8 @@ class BankMemory(NamedTuple):
         record: stamps and flags, a record of `BANK`, shape (1,).
         released: time for which each brake has been released [s], shape (N,).
         rim: last speed of each rim along the active direction [m/s], shape (N,).
-        mark: lowest recent speed of the rim of each released wheel, from which its gain in speed is
-            measured [m/s], shape (N,).
+        mark: lowest recent speed of the rim of each released wheel, from which the gain in speed
+            is measured [m/s], shape (N,).
         idle: time for which the rim of each released wheel has not gained speed [s], shape (N,).
         faulty: probability under each hypothesis that the encoder of a wheel is faulty [1],
             shape (6, N); 0 under NO_ESTIMATE.
@@ -221,8 +221,8 @@ class BankMemory(NamedTuple):
 def least_loss(wheels: int) -> float:
     """Return the deceleration on slippery ground with half of the wheels braked [m/s^2].
 
-    In motion along a diagonal, only half of the wheels can brake. On a vehicle with three wheels,
-    it may be only one wheel.
+    In motion along a diagonal, only half of the wheels can brake, and of three wheels possibly only
+    one.
     """
     return LEAST_FRICTION * (wheels // 2) / wheels
 
@@ -279,7 +279,7 @@ def bank_memory(wheels: int) -> BankMemory:
 
 @lean
 def begin(constants: BankConstants, memory: BankMemory, now_ns: int, twist: Twist) -> None:
-    """Initialize all filters with large variances and, if received, with the velocity of a twist.
+    """Initialize all filters with large variances, and with the twist if one has been received.
 
     Without a twist, the wheels determine the velocity. They roll, because the pedal is up.
     """
