@@ -349,7 +349,8 @@ def _label_places(chassis: FloatArray, size: FloatArray, beside: bool) -> Iterat
     Args:
         chassis: corners of the chassis in `odom` [m], shape (4, 2).
         size: width and height of the label [m].
-        beside: whether places to the left and right are better than those above and below.
+        beside: whether to try places to the left and right first; otherwise those above and below
+            are first.
     """
     low, high = np.min(chassis, axis=0), np.max(chassis, axis=0)
     # Next to the path, which points up the page if panels are side by side.

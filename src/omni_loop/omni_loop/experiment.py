@@ -64,9 +64,9 @@ class ExperimentConfiguration(SimulatorConfiguration):
     description: str = parameter("")
     """Purpose of the experiment"""
     feedback: str = parameter("optical")
-    """Source of the assistant's twist: optical is the line-scan odometry; velocity_sensor is the
-    sampled velocity sensor with noise, Eqs. (60), (61); my_module:MyOdometry is your own class
-    that receives the lines, see docs/extending.md"""
+    """Source of the assistant's twist: `optical` for the line-scan odometry; `velocity_sensor` for
+    the sampled velocity sensor with noise, Eqs. (60), (61); `my_module:MyOdometry` for your own
+    class that receives the lines, see docs/extending.md"""
     odometry: OdometryConfiguration = parameter()
     """Line-scan odometry"""
     brake_assist: BrakeAssistConfiguration = parameter()

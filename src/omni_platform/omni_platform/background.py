@@ -91,7 +91,8 @@ def in_background(work: Callable[[], _T], *, worth: bool = True) -> Callable[[],
 
     Args:
         work: usually a call of one long kernel.
-        worth: whether the work takes a few tenths of a millisecond; shorter work is not queued.
+        worth: False for work shorter than a few tenths of a millisecond, which is not worth
+            queuing; the returned function then does it.
     """
     queue = _queue() if worth else None
     begun = _Work(work, queue)

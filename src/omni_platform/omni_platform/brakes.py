@@ -55,8 +55,8 @@ class BrakeConfiguration(Configuration):
     dead_time: float = parameter(0.0, unit="s", minimum=0.0, maximum=1.0)
     """Time after which the pressure in a brake begins to follow pedal and valve"""
     release_time: float = parameter(0.0, unit="s", minimum=0.0, maximum=1.0)
-    """Dead time for releasing a brake if it is longer than dead_time, as with spring-applied
-    brakes; 0 to use dead_time"""
+    """Dead time for releasing a brake, if it is longer than `dead_time`, as in spring-applied
+    brakes; 0 if both are equal"""
     time_constant: float = parameter(0.0, unit="s", minimum=0.0, maximum=10.0)
     """Time constant with which the pressure rises and falls after the dead time"""
 

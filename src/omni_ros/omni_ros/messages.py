@@ -290,7 +290,8 @@ def _text_at(wire: bytes, start: int, length: int, gap: bool = True) -> tuple[st
         wire: the serialized message.
         start: byte offset of the text.
         length: number of bytes of the text with its terminating zero.
-        gap: whether the next field is aligned to a multiple of four bytes.
+        gap: whether the padding up to a multiple of four bytes is skipped, because the next field
+            is aligned.
     """
     end = start + length
     return wire[start : end - 1].decode(errors="replace"), end + (-end % 4 if gap else 0)

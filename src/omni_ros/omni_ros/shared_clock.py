@@ -16,7 +16,8 @@ class SharedClock:
 
     Args:
         node: the node that publishes.
-        alone: whether to publish immediately, because the ROS domain has no other simulator.
+        alone: whether the ROS domain is known to have no other simulator; the node then publishes
+            at once instead of after `discovery`.
         discovery: time in which the nodes of a ROS domain discover each other [s].
         period: time between two checks of the publishers [s].
     """

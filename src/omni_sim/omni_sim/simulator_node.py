@@ -54,8 +54,8 @@ class LoopConfiguration(Configuration):
     """Whether the simulated time is published on /clock; in a ROS domain, only one simulator may
     publish it"""
     driver: str = parameter("scripted", choices=("scripted", "topics", "cmd_vel"))
-    """Source of the demands: the script of the maneuver (scripted); the topics driver/pedal and
-    cmd_vel (topics); or cmd_vel alone as long as no pedal is published"""
+    """Source of the demands. `scripted`: the script of the maneuver; `topics`: the topics
+    driver/pedal and cmd_vel; `cmd_vel`: cmd_vel alone, as long as no pedal is published"""
     stamped_cmd_vel: bool = parameter(True)
     """Whether cmd_vel has the type TwistStamped; otherwise the type is Twist"""
     lines_recorded: bool = parameter(True)

@@ -91,7 +91,12 @@ def _read(name: str) -> Any:
 
 
 def limited(study: str, metrics: Mapping[str, Metric]) -> dict[str, Metric]:
-    """Return the metrics of a study with their limits; the arguments are those of `evaluate`."""
+    """Return the metrics of a study with their limits.
+
+    Args:
+        study: name of the study.
+        metrics: metrics, keyed by ``<quantity>.<case>``.
+    """
     limits = _read("limits.yaml").get(study, {})
     chosen: dict[str, Any] = {
         name: next((limits[pattern] for pattern in limits if fnmatchcase(name, pattern)), {})

@@ -122,10 +122,10 @@ def two_sensor_displacement(
 def first_sensor_displacement(
     first: SensorDisplacement, second_x: float, distance: float
 ) -> PlanarDisplacement:
-    """Return the displacement of the first sensor's position, Eqs. (76)-(78), which have d_1 = 0.
+    """Return the motion of the platform at the first sensor, Eqs. (76)-(78).
 
-    The y displacement of the second sensor is not needed, so this sensor may be a single line
-    camera.
+    This is the case d_1 = 0 of Eqs. (73)-(75). The y displacement of the second sensor is not
+    needed, so the second sensor may be a single line camera.
 
     Args:
         first: reading of the left sensor, whose position is the reference point.

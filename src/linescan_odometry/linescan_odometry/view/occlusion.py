@@ -1,8 +1,9 @@
 """Detection of occluded cameras, for example by a lid or by dirt on the lens.
 
 The image of an occluded camera matches itself perfectly at zero displacement, like the image of the
-ground at rest or in motion across the axis. However, a vehicle cannot stop faster than its brakes
-permit, and in motion across the axis the view of the ground changes.
+ground at rest or in motion across the axis. A camera therefore counts as occluded in two cases: its
+view becomes constant sooner than a vehicle can stop (50 m/s^2), or its view does not change
+although the vehicle moves across its axis.
 """
 
 import math

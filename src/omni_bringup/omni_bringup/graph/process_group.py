@@ -161,7 +161,10 @@ class RunningProcess:
         return self.wait_or_kill()
 
     def wait_or_kill(self) -> int:
-        """Wait for the requested end of the process, or kill it; return the exit code."""
+        """Wait until the process ends after `request_stop`, and return its exit code.
+
+        If the process still runs after `stop_timeout`, it is killed.
+        """
         deadline = time.monotonic() + self._stop_timeout
         while self.returncode is None and time.monotonic() < deadline:
             self._note_halts()

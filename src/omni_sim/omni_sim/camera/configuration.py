@@ -15,8 +15,8 @@ class CameraConfiguration(Configuration):
     noise: float = parameter(1.0, minimum=0.0, maximum=100.0)
     """Standard deviation of white noise, in gray levels of an 8-bit scale"""
     signal_to_noise_db: float = parameter(0.0, unit="dB", minimum=0.0, maximum=200.0)
-    """Ratio of full scale to the standard deviation of white noise. A value above 0 replaces the
-    parameter noise; 0 to use the parameter noise"""
+    """Ratio of full scale to the standard deviation of white noise. A value above 0 replaces
+    `noise`; with 0, `noise` is used"""
     bit_depth: int = parameter(8, unit="bit", minimum=8, maximum=16)
     """Bits per pixel, 8 or 16"""
     gain: float = parameter(1.0, above=0.0, maximum=FULL_SCALE)

@@ -50,10 +50,11 @@ class TextureConfiguration(Configuration):
     seed: int = parameter(1, minimum=0)
     """Seed of a material's pattern"""
     picture: str = parameter("")
-    """File for the kind picture: PNG, TIFF or JPEG"""
+    """File of the ground if `kind` is `picture`: PNG, TIFF or JPEG"""
     dpi: float = parameter(0.0, minimum=0.0, maximum=50000.0)
-    """Dots per inch on the ground, required for a picture. For a material, this value replaces the
-    parameter texels, and the period is rounded up to a multiple of 32 texels; 0 to use texels"""
+    """Dots per inch on the ground. Required for a picture. For a material, 0 means that `texels`
+    sets the resolution; a larger value replaces `texels`, and the period is rounded up to a
+    multiple of 32 dots"""
 
     def check_consistency(self) -> None:
         """Check that the options of a picture are complete and that the texels are not too many.

@@ -47,7 +47,7 @@ class WheelCondition(Configuration):
     stuck_brake: float = parameter(0.0, minimum=0.0, maximum=1.0)
     """Share of its full torque that this brake exerts even when the pedal is not pressed"""
     onset: float = parameter(0.0, unit="s", minimum=0.0, maximum=3600.0)
-    """Time at which the faults brake, open_valve and stuck_brake begin"""
+    """Time from which `brake`, `open_valve` and `stuck_brake` have an effect"""
 
 
 _SOUND = WheelCondition()

@@ -117,7 +117,8 @@ def _braked(
 ) -> WheelStep:
     """Advance a wheel by one step, in which the brake may lock it.
 
-    The arguments are those of `_rolling`; the impulse does not include the torque of the brake.
+    The arguments are those of `_rolling`, but the brake in `spin` acts, and `impulse` excludes its
+    torque.
     """
     if spin.brake <= 0.0:
         return _rolling(tire, curve, patch, hub, spin, impulse)

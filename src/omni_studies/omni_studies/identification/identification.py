@@ -217,7 +217,8 @@ def cost(
         bases: variants of ``turn_while_translate``, keyed by case of Table 2.
         parameters: values of the parameters, keyed by the names in `QUANTITIES`.
         exponent: even exponent; a larger one gives more weight to the largest deviation.
-        sound: whether vehicles with an `assumption_violation` have a higher cost than all others.
+        sound: whether a vehicle with an `assumption_violation` costs more than any other, which
+            excludes it.
         abort_above: mean cost per case above which the remaining cases are skipped [1].
     """
     total = 0.0
@@ -271,7 +272,8 @@ def search(
         generations: limit on the number of generations of each search. The first search ends at a
             cost below 1, the second below 0.7^4, where no deviation exceeds 0.7 tolerances.
         refinement: further limit on the number of generations of the second search.
-        sound: whether to exclude vehicles with an `assumption_violation`.
+        sound: whether a vehicle with an `assumption_violation` costs more than any other, which
+            excludes it.
         on_generation: function that is called with the number of each generation and the lowest
             cost so far.
 

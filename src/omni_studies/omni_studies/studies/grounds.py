@@ -168,14 +168,15 @@ def _correlation_functions(options: LineOptions, study: StudyRun) -> StudyResult
 
 
 def distances(old: FloatArray, new: FloatArray, truth: float, metric: str, limit: int) -> Curve:
-    """Return a distance measure of two lines, divided by the number of overlapping pixels.
+    """Return a distance measure of two lines as a function of the shift.
 
-    The measure is evaluated at all integer shifts up to `limit`.
+    The measure is divided by the number of overlapping pixels and evaluated at all integer shifts
+    up to `limit`.
 
     Args:
         old: first line [gray levels], shape (n,).
         new: next line [gray levels], shape (n,).
-        truth: true displacement between the lines [px].
+        truth: true displacement between the lines, which is only stored in the result [px].
         metric: name of the distance measure.
         limit: limit on the magnitude of the shift [px].
     """

@@ -108,8 +108,8 @@ class Options(CampaignOptions):
     seed: int = parameter(0, minimum=0)
     """seed of the first random stop"""
     ablate: bool = parameter(False)
-    """set each parameter of the law allocation to half, double and a neutral value, on two
-    independent sets of --random stops"""
+    """set each parameter of the law `allocation` to half its default, twice its default and a
+    neutral value, on two independent sets of --random stops"""
 
     def check_consistency(self) -> None:
         """Check that an ablation has random stops and names no laws.

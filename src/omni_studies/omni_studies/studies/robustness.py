@@ -5,9 +5,10 @@ files of the worst runs, which ``./omni run`` can repeat over the ROS graph.
 
 In ``faults``, several vehicles are braked under both laws, with and without an IMU. The faults are
 faults of one sensor, faults that two sensors share, and faults of a brake before or during the
-stop. Every eighth stop is the worst result of a local search. The reference for sensor faults is
-the longer distance and the larger rotation of two stops: unassisted, and assisted without the
-fault. The reference for brake faults is unassisted braking with the same fault.
+stop. In every eighth stop, a local search varies the fault to make its effect as harmful as
+possible. For a sensor fault, two stops without the fault are simulated, one unassisted and one
+assisted; the longer distance and the larger rotation of these two are the reference. For a brake
+fault, the reference is the unassisted stop with the same fault.
 """
 
 import itertools

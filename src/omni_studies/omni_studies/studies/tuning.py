@@ -1,8 +1,8 @@
 """Trade-off between rotation and stopping distance, and recommended settings for a vehicle.
 
-Each combination of weighting, k and dwell time is run with the vehicle's own brakes and with slower
-brakes. A combination is evaluated by the worst result in several situations
-(`omni_studies.tuning.trials`).
+Each combination of weighting, k and dwell time is run with the dead time and the time constant of
+the vehicle's own brakes, and with those of other brakes (option `brakes`). A combination is
+evaluated by the worst result in several situations (`omni_studies.tuning.trials`).
 """
 
 from __future__ import annotations

@@ -63,7 +63,7 @@ class Response(NamedTuple):
         moving: whether the rolling speed of each wheel is high enough for a defined slip, shape (T,
             N).
         braking: whether the driver brakes, shape (T, 1).
-        near: whether a row is close in time to the start of a stop, shape (T,).
+        near: whether a row is within `Tolerances.latest` of the start of a stop, shape (T,).
         period: time between two rows [s].
         radius: radius of each wheel [m], shape (N,).
         limit: maximum torque that the ground can transmit to each wheel [N m], shape (N,).

@@ -219,12 +219,12 @@ def _twist_mistakes(twist: FloatArray, known: FloatArray) -> Iterator[Mistake]:
 
 
 def _scale_mistakes(quantity: str, of_sign: str, of_scale: str, scale: float) -> Iterator[Mistake]:
-    """Yield the error of a quantity if its sign or scale is wrong.
+    """Yield a `Mistake` if the sign of a quantity is wrong, or its scale is outside the tolerance.
 
     Args:
-        quantity: name of the quantity.
-        of_sign: remedy for a wrong sign.
-        of_scale: remedy for a wrong scale.
+        quantity: name of the measured quantity.
+        of_sign: advice for a wrong sign.
+        of_scale: advice for a wrong scale.
         scale: ratio of the measured to the true quantity [1].
     """
     if scale < 0.0:

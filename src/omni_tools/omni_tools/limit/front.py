@@ -14,7 +14,7 @@ from omni_tools.limit.best import OptimalStop
 from omni_tools.limit.bounds import Maneuver
 
 ROTATIONS = (0.5, 5.0, 15.0, 30.0)
-"""Limits on the rotation of the planned stops of a front [deg]."""
+"""Limits on the rotation; `front` plans one stop for each of them [deg]."""
 
 
 class Stop(NamedTuple):

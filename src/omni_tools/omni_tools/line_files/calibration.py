@@ -197,7 +197,7 @@ def _determined(
 ) -> tuple[FloatArray, FloatArray, BoolArray]:
     """Return the coefficients c, their covariance, and whether the recordings determine each one.
 
-    The arguments are those of `_fit` and `calibrate`.
+    The argument `seen_below` is that of `calibrate`; all others are those of `_fit`.
     """
     coefficients, covariance = _fit(twist, pixels, start, prior)
     seen = np.sqrt(np.diag(covariance)) < seen_below * prior

@@ -174,11 +174,17 @@ class Rig:
 def cameras(
     views: Sequence[View], texture: GroundTexture, noise: float, seed: int
 ) -> list[LineCamera]:
-    """Return cameras at the platform's center over one ground; arguments as in `Rig`."""
+    """Return one camera for each of `views`, at the platform's center over one ground.
+
+    The other arguments are those of `Rig`.
+    """
     sensors = {f"trial_{i}": view.mounted() for i, view in enumerate(views)}
     return list(Rig(sensors, texture, noise, seed).array.cameras.values())
 
 
 def camera(view: View, texture: GroundTexture, noise: float, seed: int) -> LineCamera:
-    """Return a single camera at the platform's center; arguments as in `Rig`."""
+    """Return a single camera with the given view, at the platform's center.
+
+    The other arguments are those of `Rig`.
+    """
     return cameras((view,), texture, noise, seed)[0]

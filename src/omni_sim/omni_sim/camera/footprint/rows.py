@@ -1,8 +1,10 @@
-"""Addition of the texel rows under a line to columns along the line.
+"""Sums of the texels across a camera line: one sum (column) for each texel along the line.
 
-The shift of a row relative to the middle row is rounded to a quarter texel. The integer part moves
-the row, and the fraction selects one of four accumulators, which are called classes here. Rows that
-a column covers only in part, along the two long sides of the footprint, are added with weights.
+A line is usually oblique to the rows of the texture. Each row of texels is therefore shifted along
+the line, so that texels at the same place along the line are in the same column, and then the rows
+are added. The shift relative to the middle row is rounded to a quarter texel: its integer part
+selects the texel, and its fraction selects one of four accumulators, called classes. Rows that a
+column covers only in part, along the two long sides of the footprint, are added with weights.
 """
 
 import math
