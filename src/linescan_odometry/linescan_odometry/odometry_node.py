@@ -39,7 +39,7 @@ class InterfaceConfiguration(Configuration):
     """Parameters for the odometry class, and for the inputs and outputs of the node."""
 
     own_odometry: str = parameter("")
-    """Your own odometry class as my_module:MyOdometry, see docs/extending.md; empty for the
+    """Your own odometry class as `my_module:MyOdometry`, see docs/extending.md; empty for the
     line-scan odometry"""
     best_effort_cameras: bool = parameter(False)
     """Whether cameras may publish with best-effort QoS (sensor data); lines may then be lost, but

@@ -80,7 +80,7 @@ def receive(constants: Constants, memory: Memory, inputs: Inputs) -> tuple[bool,
 
 @inlined
 def _receive(constants: Constants, memory: Memory, inputs: Inputs) -> tuple[bool, Motion]:
-    """Check the inputs and estimate the motion; arguments and result are those of `receive`."""
+    """Compute the result of `receive`; kernels of this module can inline this function."""
     step, line, feedback = memory.step[0], memory.line[0], inputs.feedback
     braking = inputs.pedal >= constants.pedal_threshold
     weighed = _read_sensors(constants, memory, inputs) and constants.fault_detection

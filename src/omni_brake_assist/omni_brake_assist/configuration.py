@@ -57,27 +57,27 @@ class BrakeAssistConfiguration(Configuration):
     enabled: bool = parameter(True)
     """Whether the assistant may release brakes; the errors are computed in either case"""
     law: str = parameter("sliding_mode")
-    """Control law: sliding_mode is the law of the dissertation (2013); allocation distributes the
-    braking between the wheels according to their friction capacities; my_module:MyLaw names your
-    own class, see docs/extending.md"""
+    """Control law: `sliding_mode` is the law of the dissertation (2013); `allocation` distributes
+    the braking between the wheels according to their friction capacities; `my_module:MyLaw` names
+    your own class, see docs/extending.md"""
     weighting: str = parameter("enhanced", choices=WEIGHTINGS)
-    """Weighting psi of the parallel component: zero keeps the orientation best, cosine stops in
-    the shortest distance, and enhanced is a compromise that depends on k"""
+    """Weighting psi of the parallel component: `zero` keeps the orientation best, `cosine` stops in
+    the shortest distance, and `enhanced` is a compromise that depends on `k`"""
     k: int = parameter(7, minimum=1, maximum=999)
-    """Tuning constant k of the weighting enhanced, an odd number; with a larger k, the weighting is
-    closer to `zero`"""
+    """Tuning constant k of the weighting `enhanced`, an odd number; with a larger k, the weighting
+    is closer to `zero`"""
     max_rotation: float = parameter(0.3, unit="deg", minimum=0.0, maximum=360.0)
-    """Change of the heading, and change of the direction of motion, up to which the law allocation
-    makes no correction"""
+    """Change of the heading, and change of the direction of motion, up to which the law
+    `allocation` makes no correction"""
     nominal_mass: float = parameter(1000.0, unit="kg", above=0.0, maximum=1.0e6)
     """Approximate mass of the vehicle, the initial value of the mass estimate of the law
-    allocation"""
+    `allocation`"""
     wheel_inertia: float = parameter(1.0, unit="kg m^2", minimum=1e-6, maximum=1.0e4)
-    """Nominal moment of inertia of a wheel about its axis, for the law allocation"""
+    """Nominal moment of inertia of a wheel about its axis, for the law `allocation`"""
     brake: BrakeConfiguration = section(BrakeConfiguration)
-    """Nominal brake model that the law allocation uses for each wheel"""
+    """Nominal brake model that the law `allocation` uses for each wheel"""
     allocation: AllocationConfiguration = section(AllocationConfiguration)
-    """Parameters of the law allocation"""
+    """Parameters of the law `allocation`"""
     minimum_dwell_time: float = parameter(0.0, unit="s", minimum=0.0, maximum=1.0)
     """Minimum time between two switching operations of a valve; ignored when all brakes must act"""
     pedal_threshold: float = parameter(0.05, above=0.0, maximum=1.0)

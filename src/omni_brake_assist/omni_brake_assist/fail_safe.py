@@ -142,7 +142,8 @@ def check_inputs(
         sample: latest twist, possibly the same as in the last call.
         braking: whether the driver brakes; if so, a twist that does not change with time is
             invalid.
-        weighed: whether the filter bank compares the twist with the IMU.
+        weighed: whether the filter bank compares the twist with the IMU. If so, variance and change
+            of the twist are not limited here.
 
     Returns:
         Whether this twist is valid. The gate is open only if ``memory[0].cause == GOOD``.

@@ -8,7 +8,8 @@ class LoopOptions(configuration.Configuration):
 
     overrides: tuple[str, ...] = command_options.overrides_option()
     law: str | None = command_options.option(None, metavar="NAME")
-    """control law, built in or my_module:MyLaw; equivalent to --set brake_assist.law="""
+    """control law: a built-in law, or your own as `my_module:MyLaw`; equivalent to
+    --set brake_assist.law="""
     odometry: str | None = command_options.option(None, metavar="MODULE:CLASS")
     """your own odometry class, which receives rendered camera lines; equivalent to --set
     feedback="""

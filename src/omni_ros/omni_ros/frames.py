@@ -10,7 +10,7 @@ class FrameConfiguration(Configuration):
 
     frame_prefix: str = parameter("")
     """Prefix of all frame names, such as robot1/, so that several vehicles can share one /tf; must
-    equal the frame_prefix of robot_state_publisher"""
+    equal the parameter `frame_prefix` of robot_state_publisher"""
 
 
 def prefix_frames(message: Any, prefix: str) -> None:

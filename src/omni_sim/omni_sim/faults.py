@@ -61,10 +61,10 @@ class FaultConfiguration(Configuration):
     duration: float = parameter(3600.0, unit="s", above=0.0, maximum=3600.0)
     """Duration of the fault"""
     amplitude: float = parameter(0.0, minimum=-1000.0, maximum=1000.0)
-    """Size ``a`` in the unit of the channel; in this unit per second for a drift, and without unit
-    for a scale error or an echo"""
+    """Size ``a`` in the unit of the channel; in this unit per second for the fault `drift`, and
+    without unit for `scale` and `echo`"""
     period: float = parameter(0.1, unit="s", above=0.0, maximum=3600.0)
-    """Duration ``T`` of a ramp, period of a sine, or length of a delay"""
+    """Duration ``T`` of the fault `ramp`, period of `sine`, or length of `delay`"""
 
 
 class Faults(NamedTuple):

@@ -31,8 +31,8 @@ class FlowConfiguration(Configuration):
     failing: str = parameter("")
     """Name of a faulty sensor; empty for none"""
     failure: str = parameter("zero", choices=("zero", "frozen", "invalid", "double"))
-    """Kind of the fault: the sensor reads zero, repeats its last reading (frozen), reads NaN
-    (invalid), or reads twice the velocity (double)"""
+    """Fault: `zero` reads 0, `frozen` repeats the last reading, `invalid` reads NaN, `double` reads
+    twice the velocity"""
     failure_start: float = parameter(0.0, unit="s", minimum=0.0, maximum=3600.0)
     """Time at which the fault begins"""
 

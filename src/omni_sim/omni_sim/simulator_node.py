@@ -44,7 +44,7 @@ class LoopConfiguration(Configuration):
     """Synchronization of the simulator with other nodes."""
 
     mode: str = parameter("lockstep", choices=("lockstep", "real_time"))
-    """Whether the simulator waits for each reply (lockstep) or follows the wall clock"""
+    """`lockstep`: the simulator waits for each reply; `real_time`: it follows the wall clock"""
     reply_timeout: float = parameter(10.0, unit="s", above=0.0, maximum=3600.0)
     """Lockstep: limit on the time to wait for a reply"""
     await_odometry: bool = parameter(False)

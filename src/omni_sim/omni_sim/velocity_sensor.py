@@ -38,7 +38,7 @@ class VelocitySensorConfiguration(Configuration):
     yaw_rate_offset: float = parameter(0.0, unit="rad/s", minimum=-50.0, maximum=50.0)
     """Constant error of the yaw rate"""
     failure: str = parameter("none", choices=FAILURES)
-    """Fault: 'frozen' repeats the last reading, 'zero' reads 0, 'invalid' reads NaN"""
+    """Fault: `frozen` repeats the last reading, `zero` reads 0, `invalid` reads NaN"""
     failure_time: float = parameter(0.0, unit="s", minimum=0.0, maximum=3600.0)
     """Time at which the fault begins"""
     failure_duration: float = parameter(3600.0, unit="s", above=0.0, maximum=3600.0)

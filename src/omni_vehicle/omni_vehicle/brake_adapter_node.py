@@ -49,12 +49,12 @@ class TopicsConfiguration(Configuration):
     joints: tuple[str, ...] = parameter(())
     """Names of the joints on joint_states, in the order of the wheels; default: the wheel names"""
     output: str = parameter("array", choices=("array", "joint_state"))
-    """Type of the commands: Float64MultiArray for a forward_command_controller, or JointState with
-    the commands in effort"""
+    """Type of the commands: `array` for a Float64MultiArray to a forward_command_controller, or
+    `joint_state` for a JointState with the commands in its field `effort`"""
     pedal: str = parameter("joint_state", choices=tuple(_PEDALS))
-    """Source of the braking demand: 'joint_state' for the topic brake/pedal; 'bool' or 'float' for
-    the topic pedal_input; 'twist' or 'twist_stamped' for the topic cmd_vel, where a zero command
-    brakes. Except with 'joint_state', this node publishes the demand on brake/pedal"""
+    """Source of the braking demand: `joint_state` for the topic brake/pedal; `bool` or `float` for
+    the topic pedal_input; `twist` or `twist_stamped` for the topic cmd_vel, where a zero command
+    brakes. Except with `joint_state`, this node publishes the demand on brake/pedal"""
     estop: bool = parameter(False)
     """Whether Bool messages on estop are required; true requests full braking"""
     pedal_timeout: float = parameter(0.1, unit="s", above=0.0, maximum=2.0)

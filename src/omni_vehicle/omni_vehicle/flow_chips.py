@@ -97,13 +97,13 @@ class FlowChipConfiguration(Configuration):
     separate bus"""
     counts_per_meter: float = parameter(0.0, unit="1/m", minimum=0.0, maximum=1.0e6)
     """Counts of a PMW3901 or PAA5100 per meter at its mounting height. To measure it, move the
-    chip by one meter and read 'counts' on /diagnostics"""
+    chip by one meter and read `counts` on /diagnostics"""
     invert_x: bool = parameter(False)
-    """Whether the chip negates its x counts"""
+    """Whether the chip is set to negate its x counts"""
     invert_y: bool = parameter(False)
-    """Whether the chip negates its y counts"""
+    """Whether the chip is set to negate its y counts"""
     swap_xy: bool = parameter(False)
-    """Whether the chip exchanges its x and y counts, before it negates them"""
+    """Whether the chip is set to exchange its x and y counts, before it negates them"""
     minimum_quality: int = parameter(25, minimum=0, maximum=255)
     """Minimum surface quality (SQUAL) of a valid reading"""
     maximum_speed: float = parameter(0.0, unit="m/s", minimum=0.0, maximum=100.0)

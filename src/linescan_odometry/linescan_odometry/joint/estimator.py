@@ -72,7 +72,7 @@ class _Camera(NamedTuple):
     Attributes:
         taper: factor by which each pixel is multiplied before the transform, shape (n,).
         weight: weight of each frequency in the search for candidates, shape (F,).
-        stated: precision of the fixed pattern that is assumed until the camera has moved.
+        stated: precision of the prior of the fixed pattern, from the configured `non_uniformity`.
         spread: prior standard deviation of the change of the displacement from line to line [px].
     """
 
@@ -301,7 +301,8 @@ def _maximize(
         learned: fixed pattern before this batch.
         layout: sizes of the batch.
         start: displacement per line of the candidate [px].
-        parted: whether the pattern is estimated together with the displacement.
+        parted: whether ground and fixed pattern can be separated. If so, the pattern is estimated
+            anew in each step; otherwise the pattern known before the batch is kept.
     """
     motion, kappa = np.array([start, 0.0]), np.arange(layout.lines) - 0.5 * (layout.lines - 1)
     pattern, batch = view.known, np.zeros(len(view.known))

@@ -54,7 +54,7 @@ class Fit(NamedTuple):
 
 @summing
 def _shared(cut: Cut) -> float:
-    """Return the energy of the gradients that neighboring lines have in common, see `_gain`.
+    """Return the energy of the gradients that neighboring lines have in common.
 
     The energy is the mean over pairs of lines of the sum of ``f^2 Re(new conj(old))``, where f is
     the index of the frequency.
@@ -71,7 +71,7 @@ def _shared(cut: Cut) -> float:
 
 @kernel
 def _gain(cut: Cut) -> float:
-    """Return the energy, as in `_shared`, of the gradients of white noise with the variance 1."""
+    """Return the energy of the gradients of a line of white noise with the variance 1."""
     taper = window(cut.length)
     own = 0.0
     for i in range(len(taper)):

@@ -184,7 +184,7 @@ def _products(
 
     Args:
         real: real and imaginary parts of the spectra in the ground frame, shape (t, 2 F).
-        first: as in `covariance`.
+        first: row of the first line of each block, followed by the number of rows.
         far: largest of the spacings 0, 1 and `far` [lines].
         size: number of columns of `real` that are used.
 

@@ -25,8 +25,8 @@ class KinematicsConfiguration(Configuration):
     """Kinematic constraint of a vehicle while its wheels grip."""
 
     constraint: str = parameter(NONE, choices=(NONE, UNSTEERED_AXLE))
-    """Constraint that is used if the sensors do not suffice: none, or that an unsteered axle does
-    not slip sideways (differential and Ackermann drives)"""
+    """Constraint that is used if the sensors do not suffice: `none`, or `unsteered_axle` for an
+    axle that does not slip sideways (differential and Ackermann drives)"""
     axle_x: float = parameter(0.0, unit="m", minimum=-100.0, maximum=100.0)
     """Position of the axle along x of base_link"""
     deviation: float = parameter(0.02, unit="m/s", above=0.0, maximum=100.0)

@@ -178,8 +178,9 @@ def _share_of_wheels(
         ledger: memory of the monitor, changed in place.
         dt: length of the step [s].
         pedal: the driver's brake demand, 0 to 1.
-        felt: whether the specific force is known. Without it, the speed ``v`` may be that of a
-            sliding rim, which decelerates faster than the vehicle.
+        felt: whether the specific force is known. If not, this step cannot raise the largest
+            observed deceleration, because ``v`` may be the speed of a sliding rim, which
+            decelerates faster than the vehicle.
     """
     time = constants.wheel_time
     follow = 1.0 - math.exp(-dt / time)

@@ -30,8 +30,8 @@ class Options(CommandOptions):
     drives: tuple[Path, ...] = option(positional=True, metavar="DRIVE")
     """recordings with the lines of the cameras and the motion of the vehicle"""
     reference: str = option("auto", choices=("auto", "truth", "wheels"))
-    """source of the known motion: wheel speeds during steady driving, or the ground truth of a
-    simulation (default: ground truth if it was recorded)"""
+    """source of the known motion: `wheels` for wheel speeds during steady driving, `truth` for the
+    ground truth of a simulation; `auto` selects `truth` if it was recorded, otherwise `wheels`"""
     out: Path | None = option(None, metavar="DIR")
     """folder of sensors.yaml and the figure (default: results/calibrate-sensors)"""
 

@@ -35,7 +35,7 @@ class Options(CommandOptions):
     node: str = option(
         positional=True, metavar="NODE", choices=("odometry", "simulator", "brake_assist")
     )
-    """role of the node: odometry, simulator or brake_assist"""
+    """role of the node: `odometry`, `simulator` or `brake_assist`"""
     recording: Path | None = option(None, metavar="BAG")
     """recording of ./omni run that is published to the node (default: bags/small_stop/assisted)"""
     start: str | None = option(None, metavar="COMMAND")

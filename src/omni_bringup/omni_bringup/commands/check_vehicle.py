@@ -32,7 +32,7 @@ class Options(CommandOptions):
 
     recording: Path = option(positional=True, metavar="RECORDING")
     """rosbag2 folder with wheel_states and brake/pedal; odometry/twist, imu and brake/enable are
-    checked if they are recorded. 'live' to receive the motion from the running vehicle, in the
+    checked if they are recorded. `live` to receive the motion from the running vehicle, in the
     domain of ROS_DOMAIN_ID"""
     vehicle: str = option(metavar="NAME")
     """a file of config/vehicles/, a path, or the folder of a vehicle"""
@@ -41,9 +41,9 @@ class Options(CommandOptions):
     angle: float = option(90.0, unit="deg", above=0.0, maximum=3600.0)
     """measured angle of the counter-clockwise motion"""
     namespace: str = option("", metavar="NAME")
-    """namespace of the running vehicle, such as robot1; used only with 'live'"""
+    """namespace of the running vehicle, such as robot1; used only with `live`"""
     timeout: float = option(600.0, unit="s", above=0.0, maximum=86400.0)
-    """limit on the time until the motions are complete; used only with 'live'"""
+    """limit on the time until the motions are complete; used only with `live`"""
     out: Path | None = option(None, metavar="FILE")
     """corrected vehicle file (default: results/check-vehicle/RECORDING.yaml)"""
 

@@ -39,7 +39,7 @@ class Options(Configuration):
     ground: str | None = option(None)
     """a file of config/grounds/ (default: the experiment's)"""
     law: str | None = option(None)
-    """control law, built in or my_module:MyLaw (default: the experiment's)"""
+    """control law: a built-in law, or your own as `my_module:MyLaw` (default: the experiment's)"""
     brakes: str | None = option(None, choices=tuple(TYPICAL))
     """brakes with the typical timing of this kind, as in ./omni new-vehicle (default: the
     vehicle's)"""

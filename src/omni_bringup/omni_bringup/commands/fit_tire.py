@@ -25,9 +25,9 @@ class Options(CommandOptions):
     """Options of ``omni fit-tire``."""
 
     data: Path = option(positional=True, metavar="DATA.csv")
-    """file whose first line names the columns slip [1], load [N] and force [N]"""
+    """file whose first line names the columns `slip` [1], `load` [N] and `force` [N]"""
     model: str = option("tmeasy")
-    """tire model, such as tmeasy, linear, magic_formula"""
+    """tire model, such as `tmeasy`, `linear` or `magic_formula`"""
     wheel_radius: float = option(0.2, unit="m", above=0.0, maximum=2.0)
     """radius of the wheel, from which tire stiffness and damping are estimated"""
     out: Path | None = option(None, metavar="DIR")

@@ -37,7 +37,8 @@ class Options(CommandOptions):
     wheel_radius: float | None = option(None, unit="m")
     """radius of a wheel"""
     kind: str | None = option(None, choices=KINDS)
-    """mecanum: wheels in pairs (default); omni: omni-wheels on a circle; kiwi: three omni-wheels"""
+    """type of the wheels: `mecanum` in pairs (default), `omni` for omni-wheels on a circle, or
+    `kiwi` for three omni-wheels"""
     wheels: int | None = option(None)
     """number of wheels (default: 4; 3 for a kiwi)"""
     load: float | None = option(None, unit="kg")
@@ -47,8 +48,8 @@ class Options(CommandOptions):
     drive_power: float | None = option(None, unit="W")
     """maximum power with which a drive brakes its wheel (default: no limit)"""
     brakes: str | None = option(None, choices=tuple(TYPICAL))
-    """kind of brakes: on_off valves (default), spring-applied brakes, proportional brakes, or
-    drives with a torque or a velocity command"""
+    """kind of brakes: `on_off` for valves (default), `spring` for spring-applied brakes,
+    `proportional`, or `torque` or `velocity` for drives with such a command"""
     out: Path | None = option(None, metavar="DIR")
     """new folder for the files (default: NAME)"""
 

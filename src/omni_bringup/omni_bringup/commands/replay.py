@@ -30,7 +30,7 @@ class Options(CommandOptions):
     bag: Path = option(positional=True, metavar="BAG")
     """rosbag2 folder, or a single .mcap file"""
     nodes: tuple[str, ...] = option(("linescan_odometry",), many=True, metavar="NODE")
-    """nodes to run: linescan_odometry, brake_assist or both"""
+    """nodes to run: `linescan_odometry`, `brake_assist` or both"""
     overrides: tuple[str, ...] = overrides_option("odometry.median_lines=5")
     experiment: str | None = option(None)
     """use the configuration of this experiment's last variant instead of the recorded one"""

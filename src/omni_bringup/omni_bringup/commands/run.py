@@ -48,8 +48,8 @@ class Options(LoopOptions, CommandOptions):
     fsync: bool = option(False)
     """wait for the disk at every flush, so that a power failure loses at most a second of data"""
     replace: tuple[str, ...] = option((), metavar="NODE=external")
-    """do not start brake_assist or linescan_odometry, because your own node in the same
-    ROS_DOMAIN_ID replaces it"""
+    """do not start the node `brake_assist` or `linescan_odometry`, because your own node in the
+    same ROS_DOMAIN_ID replaces it"""
 
     @property
     def external(self) -> frozenset[str]:

@@ -14,18 +14,18 @@ class FrictionPatch(Configuration):
     """Rectangle or ellipse of ground with a friction of its own, in the world frame `odom`."""
 
     shape: str = parameter("rectangle", choices=("rectangle", "ellipse"))
-    """Shape of the patch; length and width are the axes of an ellipse"""
+    """Shape of the patch; `length` and `width` are the axes of an ellipse"""
 
     x: float = parameter(unit="m", minimum=-1.0e4, maximum=1.0e4)
     """x coordinate of the center in the world frame"""
     y: float = parameter(unit="m", minimum=-1.0e4, maximum=1.0e4)
     """y coordinate of the center in the world frame"""
     length: float = parameter(unit="m", above=0.0, maximum=2.0e4)
-    """Extent along the heading"""
+    """Extent along the direction `heading_deg`"""
     width: float = parameter(unit="m", above=0.0, maximum=2.0e4)
-    """Extent across the heading"""
+    """Extent across the direction `heading_deg`"""
     heading_deg: float = parameter(0.0, unit="deg", minimum=-360.0, maximum=360.0)
-    """Direction of the length, counter-clockwise from the x axis of the world"""
+    """Direction of `length`, counter-clockwise from the x axis of the world"""
     friction: float = parameter(minimum=0.0, maximum=2.0)
     """Friction factor mu/mu_0 on the patch, relative to the friction in the tire data"""
 

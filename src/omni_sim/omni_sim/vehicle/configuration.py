@@ -69,13 +69,13 @@ class VehicleConfiguration(Configuration):
     tire: TireConfiguration = section(TireConfiguration)
     """Tire of every wheel"""
     wheel_model: str = parameter("single", choices=("single", "rollers", "mujoco"))
-    """Wheel model: 'single' with one idealized roller (section 2.4.2), 'rollers' with individual
-    rollers (section 2.4.1), or 'mujoco' with individual rollers in MuJoCo, an optional package"""
+    """Wheel model: `single` with one idealized roller (section 2.4.2), `rollers` with individual
+    rollers (section 2.4.1), or `mujoco` with individual rollers in MuJoCo, an optional package"""
     contact: str = parameter("ideal", choices=("ideal", "roller"))
-    """Contact point of the wheel model 'single': 'ideal' under the wheel's center, or 'roller',
+    """Contact point of the wheel model `single`: `ideal` under the wheel's center, or `roller`,
     which moves along the roller on the ground and jumps to the next roller, Eqs. (8)-(10)"""
     rollers: RollerConfiguration = section(RollerConfiguration)
-    """Rollers of every wheel; used if the wheel model or the contact requires them"""
+    """Rollers of every wheel; used if `wheel_model` or `contact` requires them"""
     brake: BrakeConfiguration = section(BrakeConfiguration)
     """Brake of every wheel"""
     drive: DriveConfiguration = section(DriveConfiguration)

@@ -43,7 +43,7 @@ class SuspensionConfiguration(Configuration):
     stiffness: float = parameter(0.0, unit="N/m", minimum=0.0, maximum=1.0e8)
     """Vertical stiffness of each wheel with its suspension; 0 for no suspension. The wheel loads
     are then those of a rigid chassis on equal springs, and follow the acceleration with the time
-    constant load_transfer_time"""
+    constant `load_transfer_time`"""
     damping_ratio: float = parameter(0.3, minimum=0.0, maximum=2.0)
     """Damping ratio of the chassis in heave"""
     pitch_inertia: float = parameter(0.0, unit="kg m^2", minimum=0.0, maximum=1.0e9)

@@ -208,7 +208,7 @@ class RollerConfiguration(Configuration):
     inertia: float = parameter(8.0e-4, unit="kg m^2", minimum=1.0e-7, maximum=10.0)
     """Moment of inertia of a roller about its axis"""
     stiffness: float = parameter(2.0e6, unit="N/m", minimum=1.0e3, maximum=1.0e8)
-    """Stiffness of a roller's tread against horizontal deflection; in the wheel model 'rollers'
+    """Stiffness of a roller's tread against horizontal deflection; in the wheel model `rollers`
     it replaces the stiffness of the tire"""
     damping: float = parameter(5000.0, unit="N s/m", minimum=0.0, maximum=1.0e7)
     """Damping of a roller's tread against horizontal deflection"""

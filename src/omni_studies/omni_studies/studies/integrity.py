@@ -62,7 +62,7 @@ class Options(CampaignOptions):
         maximum=10_000,
     )
     method: str = parameter(OdometryConfiguration.method, choices=METHODS)
-    """value of the parameter odometry.method"""
+    """value of the parameter `odometry.method`"""
     seed: int = parameter(1, minimum=0)
     """seed of grounds, positions and noise"""
 

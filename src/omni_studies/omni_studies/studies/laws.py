@@ -101,7 +101,8 @@ class Options(CampaignOptions):
     without_optical: bool = parameter(False)
     """omit the stop with line cameras, which takes the longest time"""
     law: tuple[str, ...] = parameter(())
-    """your own law as module:Class, which is compared with the built-in laws in every experiment"""
+    """your own law as `my_module:MyLaw`, which is compared with the built-in laws in every
+    experiment"""
     random: int = parameter(0, minimum=0, maximum=10**6)
     """number of random stops to run instead of the experiments; each --law is compared with the
     first --law (default: only allocation)"""

@@ -67,7 +67,7 @@ class Options(line_options.TextureOptions):
     needed: float = parameter(0.95, minimum=0.0, maximum=1.0)
     """minimum share of correct medians at a speed that counts as measurable"""
     method: str = parameter(OdometryConfiguration.method, choices=METHODS)
-    """value of the parameter odometry.method"""
+    """value of the parameter `odometry.method`"""
 
 
 def run(options: Options, study: StudyRun) -> StudyResult:

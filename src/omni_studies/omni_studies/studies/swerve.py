@@ -44,7 +44,7 @@ class Options(Configuration):
     speed: float = parameter(5.0, unit="m/s", minimum=1.0, maximum=50.0)
     """speed straight ahead"""
     k: int = parameter(3, minimum=1, maximum=99)
-    """tuning constant of the enhanced weighting"""
+    """tuning constant k of the weighting `enhanced`"""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

@@ -48,7 +48,7 @@ class Options(CampaignOptions, LoopOptions):
     """recommend the setting with the smallest rotation among those that stop within this
     distance"""
     k: tuple[int, ...] = option((1, 3, 5, 7, 11, 31), metavar="K", minimum=1, maximum=999)
-    """values to try for the tuning constant of the enhanced weighting"""
+    """values to try for the tuning constant k of the weighting `enhanced`"""
     dwell: tuple[float, ...] = option(
         (0.0, 0.02, 0.05, 0.1, 0.2), metavar="S", minimum=0.0, maximum=1.0
     )

@@ -12,8 +12,8 @@ class PlacementOptions(configuration.Configuration):
     """number of cameras; the three components of the twist require at least three cameras
     (default: 3, or the number in the file of --check)"""
     type: str | None = configuration.parameter(None)
-    """type of camera: a file of config/sensors/ such as generic, lis_770i or s3901, or a path
-    that ends in .yaml; the positions in the file are evaluated too (default: generic, or the
+    """type of camera: a file of config/sensors/ such as `generic`, `lis_770i` or `s3901`, or a path
+    that ends in .yaml; the positions in the file are evaluated too (default: `generic`, or the
     type in the file of --check)"""
     check: tuple[str, ...] = configuration.parameter(())
     """evaluate the placement in this file, as for --type; exit code 1 if it is singular"""

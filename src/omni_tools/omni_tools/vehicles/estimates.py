@@ -25,9 +25,10 @@ class Measured(Configuration):
     wheel_radius: float = parameter(unit="m", above=0.0, maximum=2.0)
     """radius of a wheel"""
     kind: str = parameter(_MECANUM, choices=(_MECANUM, _OMNI))
-    """type of the wheels: mecanum in pairs along the sides, or omni wheels on a circle"""
+    """type of the wheels: `mecanum` in pairs along the sides, or `omni` for omni-wheels on a
+    circle"""
     wheels: int = parameter(4, minimum=3, maximum=12)
-    """number of wheels; must be even for mecanum"""
+    """number of wheels; must be even for the type `mecanum`"""
     load: float = parameter(0.0, unit="kg", minimum=0.0, maximum=1.0e5)
     """mass of a load at the front left"""
     drive_torque: float = parameter(0.0, unit="N m", minimum=0.0, maximum=1.0e5)
@@ -35,8 +36,8 @@ class Measured(Configuration):
     drive_power: float = parameter(0.0, unit="W", minimum=0.0, maximum=1.0e7)
     """maximum power with which a drive brakes its wheel; 0 for no limit"""
     brakes: str = parameter(ON_OFF, choices=tuple(TYPICAL))
-    """kind of brakes: pressure by on-off valves, spring-applied on-off brakes, proportional brakes,
-    or drives with a torque or a velocity command"""
+    """kind of brakes: `on_off` for pressure by on-off valves, `spring` for spring-applied brakes,
+    `proportional`, or `torque` or `velocity` for drives with such a command"""
 
     def check_consistency(self) -> None:
         """Check that the wheels fit on the chassis and that their number is valid."""
