@@ -10,11 +10,10 @@ time.
 
 import math
 
-from omni_brake_assist.laws import wheel_model
+from omni_brake_assist.laws import wheel_model as model
 from omni_brake_assist.laws.allocation_state import CASCADE, Constants, Memory
 from omni_brake_assist.laws.braking_qp import best_pattern
 from omni_brake_assist.laws.law import Motion
-from omni_brake_assist.laws.wheel_model import BrakedWheel, Rim
 from omni_platform.kernels import lean
 from omni_platform.quantities import FloatArray
 
@@ -25,30 +24,37 @@ _LEAST_ENABLE = 0.01  # enable of one brake if all others are released [1]
 def control_slip(law: Constants, memory: Memory, motion: Motion, enable: FloatArray) -> None:
     """Write the brake enables of all wheels [1], shape (N,), to `enable`."""
     body, share, valves = memory.body[0], memory.qp.solution, law.brake.pressure_step >= 1.0
-    times = body.dt, law.observer_time
+    times, delay = (body.dt, law.observer_time), body.dead_time / body.dt
     slowing = body.deceleration / (math.hypot(motion.v_x, motion.v_y) + 1e-3)  # [1/s]
     for i in range(enable.size):
         wheel = memory.wheel[i]
         enable[i], memory.forces[:, i] = 1.0, share[i]
         if wheel.fixed:
             continue
-        model, rim = _at_effect(law, memory, slowing, i)
+        # State of the wheel when a new command begins to act.
+        hub = wheel.hub / (1.0 + slowing * body.dead_time)
+        braked = model.BrakedWheel(wheel.capacity, law.peak_slip[i], law.wheel_mass[i], hub)
+        rim = model.Rim(wheel.speed, wheel.brake, wheel.force)
+        for k in range(min(math.ceil(delay - 1e-9), model.QUEUE)):
+            late = max(delay - 1.0 - k, 0.0)
+            command = model.command_at(memory.sent, body.steps - 1, late, i)
+            rim = model.advance(law.brake, braked, rim, command, *times)
         most = law.most[i] * motion.pedal
         if valves:
-            memory.forces[0, i] = wheel_model.predict_share(law.brake, model, rim, 0.0, *times)
-            memory.forces[1, i] = wheel_model.predict_share(law.brake, model, rim, most, *times)
+            memory.forces[0, i] = model.predict_share(law.brake, braked, rim, 0.0, *times)
+            memory.forces[1, i] = model.predict_share(law.brake, braked, rim, most, *times)
             continue
         # A tire transmits its force only after it has deflected. Faster sliding shortens this time.
-        push = law.relaxation_speed * (1.0 - min(wheel.force / model.capacity, 1.0))
-        need, goal = math.inf, max(model.hub - push, 0.0) / (1.0 + model.peak_slip)
+        push = law.relaxation_speed * (1.0 - min(wheel.force / wheel.capacity, 1.0))
+        need, goal = math.inf, max(hub - push, 0.0) / (1.0 + braked.peak_slip)
         if goal > 0.0:
             # Without dead time, this loop is CASCADE times as fast as the observer.
             time = law.observer_time / CASCADE + body.dead_time
-            need = model.capacity + model.mass * (rim.speed - goal) / time
+            need = wheel.capacity + braked.mass * (rim.speed - goal) / time
         if share[i] < 1.0 or not wheel.known:
-            slowed = model.mass * rim.speed * slowing
-            need = min(need, share[i] * model.capacity + slowed)
-        command = wheel_model.command_for(law.brake, rim.brake, need, body.dt)
+            slowed = braked.mass * rim.speed * slowing
+            need = min(need, share[i] * wheel.capacity + slowed)
+        command = model.command_for(law.brake, rim.brake, need, body.dt)
         enable[i] = min(max(command / most, 0.0), 1.0)
     if valves:
         pattern = best_pattern(memory)
@@ -57,24 +63,3 @@ def control_slip(law: Constants, memory: Memory, motion: Motion, enable: FloatAr
     if enable.sum() <= 0.0:
         strongest = share[: enable.size].argmax()
         enable[strongest] = max(law.brake.pressure_step, _LEAST_ENABLE)
-
-
-@lean
-def _at_effect(law: Constants, memory: Memory, slowing: float, i: int) -> tuple[BrakedWheel, Rim]:
-    """Return the model of a wheel, and the wheel's state when a new command begins to act.
-
-    Args:
-        law: constants of the law.
-        memory: memory of the law.
-        slowing: deceleration of the vehicle divided by its speed [1/s].
-        i: index of the wheel.
-    """
-    body, wheel = memory.body[0], memory.wheel[i]
-    newest, delay = body.steps - 1, body.dead_time / body.dt
-    hub = wheel.hub / (1.0 + slowing * body.dead_time)
-    model = BrakedWheel(wheel.capacity, law.peak_slip[i], law.wheel_mass[i], hub)
-    rim = Rim(wheel.speed, wheel.brake, wheel.force)
-    for k in range(min(math.ceil(delay - 1e-9), wheel_model.QUEUE)):
-        command = wheel_model.command_at(memory.sent, newest, max(delay - 1.0 - k, 0.0), i)
-        rim = wheel_model.advance(law.brake, model, rim, command, body.dt, law.observer_time)
-    return model, rim
