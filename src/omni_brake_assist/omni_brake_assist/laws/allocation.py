@@ -22,7 +22,7 @@ from omni_brake_assist.configuration import BrakeAssistConfiguration
 from omni_brake_assist.laws.allocation_state import BODY, WHEEL, Constants, Memory
 from omni_brake_assist.laws.braking_qp import allocate, new_qp
 from omni_brake_assist.laws.law import ASSIST, NO_HELP, Motion
-from omni_brake_assist.laws.observers import advance_brakes, observe_body, observe_friction
+from omni_brake_assist.laws.observers import observe_body, observe_friction, observe_wheels
 from omni_brake_assist.laws.slip_control import control_slip
 from omni_brake_assist.laws.wheel_model import QUEUE, NominalBrake
 from omni_platform.geometry import PlatformGeometry
@@ -77,11 +77,10 @@ def step(
     body.dt = motion.dt if motion.dt > 0.0 else _PERIOD
     if motion.first:
         _start(law, memory)
-    _read_wheels(law, memory, motion, error)
+    observe_wheels(law, memory, motion, error)
     if motion.pedal <= 0.0 or 2 * memory.wheel["known"].sum() < error.size:
         return NO_HELP
     if body.steps > 0:
-        advance_brakes(law, memory)
         observe_friction(law, memory)
         observe_body(law, memory, motion)
     allocate(law, memory, motion)
@@ -105,23 +104,3 @@ def _start(law: Constants, memory: Memory) -> None:
     memory.sent[:], memory.qp.solution[:] = 0.0, 1.0
     wheel["brake"][:] = wheel["force"][:] = 0.0
     wheel["capacity"][:] = law.mass * _GRAVITY / wheel.size
-
-
-@lean
-def _read_wheels(law: Constants, memory: Memory, motion: Motion, error: FloatArray) -> None:
-    """Write the state of each wheel to `memory.wheel`, and its error [m/s] to `error`."""
-    limit = law.locked_share * math.hypot(motion.v_x, motion.v_y)
-    for i in range(error.size):
-        wheel = memory.wheel[i]
-        carried = law.active[i, 0] * motion.v_x + law.active[i, 1] * motion.v_y
-        along = carried + law.lever[i] * motion.yaw_rate
-        wheel.hub = abs(along)
-        # A locked wheel can hold its hub while the vehicle rotates about it.
-        rolled = law.rim[i] * motion.wheel_speed[i]
-        holds = wheel.hub <= limit and abs(rolled) <= law.locked_share * abs(carried)
-        wheel.sign = math.copysign(1.0, carried if holds else along)
-        wheel.fixed = i == motion.failed_brake or max(abs(carried), wheel.hub) <= limit
-        wheel.known = math.isfinite(rolled)
-        wheel.last_speed = wheel.speed
-        wheel.speed = max(wheel.sign * rolled, 0.0) if wheel.known else wheel.hub
-        error[i] = wheel.hub - (1.0 + law.peak_slip[i]) * wheel.speed

@@ -18,6 +18,7 @@ from omni_brake_assist.laws.allocation_state import CASCADE, Constants, Memory
 from omni_brake_assist.laws.law import Motion
 from omni_brake_assist.laws.wheel_model import BrakedWheel, advance_rim, command_at, lagged
 from omni_platform.kernels import lean
+from omni_platform.quantities import FloatArray
 
 _RESPONSE = 0.3  # share of the expected loss of wheel speed that counts as a response [1]
 _LONGEST_EXTRA = 0.15  # limit on the estimated dead time minus the nominal one [s]
@@ -25,16 +26,29 @@ _LEAST_CAPACITY = 1.0  # lower limit, so that shares of the capacity are defined
 
 
 @lean
-def advance_brakes(law: Constants, memory: Memory) -> None:
-    """Advance the nominal brake forces by one period, and estimate the dead time.
+def observe_wheels(law: Constants, memory: Memory, motion: Motion, error: FloatArray) -> None:
+    """Update motion and nominal brake force of each wheel, and estimate the dead time.
 
     The estimated dead time increases while the wheels lose much less speed than the nominal torque
-    predicts. During this time the brakes are assumed to exert no force.
+    predicts. During this time the brakes are assumed to exert no force. The error of each wheel
+    [m/s] is written to `error`.
     """
-    body = memory.body[0]
+    body, limit = memory.body[0], law.locked_share * math.hypot(motion.v_x, motion.v_y)
     expected = lost = 0.0
-    for i in range(law.rim.size):
+    for i in range(error.size):
         wheel = memory.wheel[i]
+        carried = law.active[i, 0] * motion.v_x + law.active[i, 1] * motion.v_y
+        along = carried + law.lever[i] * motion.yaw_rate
+        wheel.hub = abs(along)
+        # A locked wheel can hold its hub while the vehicle rotates about it.
+        rolled = law.rim[i] * motion.wheel_speed[i]
+        holds = wheel.hub <= limit and abs(rolled) <= law.locked_share * abs(carried)
+        wheel.sign = math.copysign(1.0, carried if holds else along)
+        wheel.fixed = i == motion.failed_brake or max(abs(carried), wheel.hub) <= limit
+        wheel.known = math.isfinite(rolled)
+        wheel.last_speed = wheel.speed
+        wheel.speed = max(wheel.sign * rolled, 0.0) if wheel.known else wheel.hub
+        error[i] = wheel.hub - (1.0 + law.peak_slip[i]) * wheel.speed
         command = command_at(memory.sent, body.steps - 1, body.dead_time / body.dt, i)
         wheel.brake, wheel.mean_brake = lagged(law.brake, wheel.brake, command, body.dt)
         if not body.responded:
