@@ -39,8 +39,7 @@ def make_constants(
     """Return the constants of the law for a configuration and wheel geometry."""
     brake, rim, position = configuration.brake, geometry.rim, geometry.position
     return Constants(
-        active=geometry.active,
-        lever=geometry.lever,
+        active=np.column_stack((geometry.active, geometry.lever)),
         rim=rim,
         peak_slip=configuration.allocation.target_slip * geometry.radius / np.abs(rim),
         wheel_mass=configuration.wheel_inertia / rim**2,
@@ -55,13 +54,8 @@ def make_constants(
 
 def new_memory(wheels: int) -> Memory:
     """Return the initial state of the law for N wheels."""
-    return Memory(
-        body=np.zeros(1, BODY),
-        wheel=np.zeros(wheels, WHEEL),
-        sent=np.zeros((QUEUE, wheels)),
-        qp=new_qp(wheels),
-        forces=np.zeros((2, wheels)),
-    )
+    sent, forces = np.zeros((QUEUE, wheels)), np.zeros((2, wheels))
+    return Memory(np.zeros(1, BODY), np.zeros(wheels, WHEEL), sent, new_qp(wheels), forces)
 
 
 @lean
@@ -88,7 +82,7 @@ def step(
     for i in range(enable.size):  # the upper bound of a share is 0 for a failed brake, otherwise 1
         most = law.most[i] * motion.pedal * memory.qp.upper[i]
         memory.sent[body.steps % QUEUE, i] = enable[i] * most
-    body.v_x, body.v_y, body.yaw_rate = motion.v_x, motion.v_y, motion.yaw_rate
+    body.twist[0], body.twist[1], body.twist[2] = motion.v_x, motion.v_y, motion.yaw_rate
     body.steps += 1
     return ASSIST
 

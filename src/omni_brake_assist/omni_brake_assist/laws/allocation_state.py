@@ -41,9 +41,7 @@ BODY = np.dtype(
         ("dt", "f8"),  # length of the last period [s]
         ("steps", "i8"),  # number of steps since the start of braking
         ("heading", "f8"),  # heading change since the start of braking [rad]
-        ("v_x", "f8"),  # velocity in the last step, x [m/s]
-        ("v_y", "f8"),  # velocity in the last step, y [m/s]
-        ("yaw_rate", "f8"),  # yaw rate in the last step [rad/s]
+        ("twist", "f8", 3),  # velocity and yaw rate in the last step [m/s, m/s, rad/s]
         ("deceleration", "f8"),  # low-passed magnitude of the acceleration [m/s^2]
         ("force", "f8"),  # low-passed magnitude of the sum of friction forces [N]
         ("yaw_disturbance", "f8"),  # yaw acceleration that friction does not explain [rad/s^2]
@@ -58,9 +56,8 @@ class Constants(NamedTuple):
     """Constants of the law `allocation`: parameters of the law, the vehicle and the brakes.
 
     Attributes:
-        active: active directions [1], shape (N, 2).
-        lever: lever of the active direction about base_link, ``cross(r_i, n_wi)`` with the wheel's
-            position ``r_i`` and active direction ``n_wi`` [m], shape (N,).
+        active: active direction ``n_wi`` [1] of each wheel, and its lever about base_link,
+            ``cross(r_i, n_wi)`` with the wheel's position ``r_i`` [m], shape (N, 3).
         rim: ratio of the rim's speed along the active direction to the wheel speed,
             ``R_i n_wi . u_i`` with the wheel's radius ``R_i`` and rolling direction ``u_i`` [m],
             shape (N,).
@@ -83,7 +80,6 @@ class Constants(NamedTuple):
     """
 
     active: FloatArray
-    lever: FloatArray
     rim: FloatArray
     peak_slip: FloatArray
     wheel_mass: FloatArray

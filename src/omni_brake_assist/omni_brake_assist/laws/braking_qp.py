@@ -76,7 +76,7 @@ def allocate(law: Constants, memory: Memory, motion: Motion) -> None:
         along = law.active[i, 0] * motion.v_x + law.active[i, 1] * motion.v_y
         across = law.active[i, 0] * motion.across_x + law.active[i, 1] * motion.across_y
         qp.rows[DECELERATION, i] = unit * along / (speed + 1e-9)
-        qp.rows[YAW, i] = -unit * law.lever[i] / law.gyration
+        qp.rows[YAW, i] = -unit * law.active[i, 2] / law.gyration
         qp.rows[SIDE, i] = -unit * across
         qp.upper[i] = 1.0 if i != motion.failed_brake else 0.0
     box_least_squares(qp)

@@ -38,7 +38,7 @@ def observe_wheels(law: Constants, memory: Memory, motion: Motion, error: FloatA
     for i in range(error.size):
         wheel = memory.wheel[i]
         carried = law.active[i, 0] * motion.v_x + law.active[i, 1] * motion.v_y
-        along = carried + law.lever[i] * motion.yaw_rate
+        along = carried + law.active[i, 2] * motion.yaw_rate
         wheel.hub = abs(along)
         # A locked wheel can hold its hub while the vehicle rotates about it.
         rolled = law.rim[i] * motion.wheel_speed[i]
@@ -81,19 +81,18 @@ def observe_friction(law: Constants, memory: Memory) -> None:
     for i in range(law.rim.size):
         wheel = memory.wheel[i]
         change = wheel.speed - wheel.last_speed
-        measured = max(wheel.mean_brake + law.wheel_mass[i] * change / dt, 0.0)
+        wheel.measured = max(wheel.mean_brake + law.wheel_mass[i] * change / dt, 0.0)
         if not wheel.known:
-            measured = min(measured, wheel.capacity)
+            wheel.measured = min(wheel.measured, wheel.capacity)
         elif max(wheel.speed, wheel.last_speed) <= law.locked_share * wheel.hub:
-            measured = wheel.capacity  # the wheel does not turn while its hub moves, so it slides
-        rise = gain * (measured - wheel.force)
-        wheel.measured = measured
+            wheel.measured = wheel.capacity  # it does not turn while its hub moves, so it slides
+        rise = gain * (wheel.measured - wheel.force)
         wheel.force += rise
         if wheel.known:
             growth = dt / (CASCADE**4 * law.observer_time) * wheel.capacity
             if rise > growth:
                 share = dt / (dt + law.brake.time_constant)
-                wheel.capacity += share * max(measured - wheel.capacity, 0.0)
+                wheel.capacity += share * max(wheel.measured - wheel.capacity, 0.0)
             elif wheel.hub > (1.0 + law.peak_slip[i]) * wheel.speed:
                 wheel.capacity += gain * (wheel.force - wheel.capacity)
             elif memory.qp.solution[i] >= 1.0:
@@ -115,16 +114,16 @@ def observe_body(law: Constants, memory: Memory, motion: Motion) -> None:
         force = -memory.wheel[i].sign * memory.wheel[i].measured
         f_x += force * law.active[i, 0]
         f_y += force * law.active[i, 1]
-        moment += force * law.lever[i]
-    body.heading += 0.5 * (body.yaw_rate + motion.yaw_rate) * dt
-    a_x = (motion.v_x - body.v_x) / dt - motion.yaw_rate * motion.v_y
-    a_y = (motion.v_y - body.v_y) / dt + motion.yaw_rate * motion.v_x
+        moment += force * law.active[i, 2]
+    body.heading += 0.5 * (body.twist[2] + motion.yaw_rate) * dt
+    a_x = (motion.v_x - body.twist[0]) / dt - motion.yaw_rate * motion.v_y
+    a_y = (motion.v_y - body.twist[1]) / dt + motion.yaw_rate * motion.v_x
     share = 1.0 - math.exp(-dt / (CASCADE**2 * law.observer_time))
     body.deceleration += share * (math.hypot(a_x, a_y) - body.deceleration)
     body.force += share * (math.hypot(f_x, f_y) - body.force)
     mass = body.force / body.deceleration
     share = 1.0 - math.exp(-dt / (CASCADE * law.observer_time))
-    turned = (motion.yaw_rate - body.yaw_rate) / dt - moment / (mass * law.gyration**2)
+    turned = (motion.yaw_rate - body.twist[2]) / dt - moment / (mass * law.gyration**2)
     body.yaw_disturbance += share * (turned - body.yaw_disturbance)
     pushed = (a_x - f_x / mass) * motion.across_x + (a_y - f_y / mass) * motion.across_y
     body.lateral_disturbance += share * (pushed - body.lateral_disturbance)

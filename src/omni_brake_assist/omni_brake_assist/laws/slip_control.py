@@ -36,8 +36,7 @@ def control_slip(law: Constants, memory: Memory, motion: Motion, enable: FloatAr
         braked = model.BrakedWheel(wheel.capacity, law.peak_slip[i], law.wheel_mass[i], hub)
         rim = model.Rim(wheel.speed, wheel.brake, wheel.force)
         for k in range(min(math.ceil(delay - 1e-9), model.QUEUE)):
-            late = max(delay - 1.0 - k, 0.0)
-            command = model.command_at(memory.sent, body.steps - 1, late, i)
+            command = model.command_at(memory.sent, body.steps - 1, max(delay - 1.0 - k, 0.0), i)
             rim = model.advance(law.brake, braked, rim, command, *times)
         most = law.most[i] * motion.pedal
         if valves:
@@ -61,5 +60,4 @@ def control_slip(law: Constants, memory: Memory, motion: Motion, enable: FloatAr
         for i in range(enable.size):
             enable[i] = 1.0 if memory.wheel[i].fixed else (pattern >> i) & 1
     if enable.sum() <= 0.0:
-        strongest = share[: enable.size].argmax()
-        enable[strongest] = max(law.brake.pressure_step, _LEAST_ENABLE)
+        enable[share[: enable.size].argmax()] = max(law.brake.pressure_step, _LEAST_ENABLE)
