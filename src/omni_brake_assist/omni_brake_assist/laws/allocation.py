@@ -1,8 +1,8 @@
 """Control allocation: friction forces for the shortest stop that keeps heading and line of motion.
 
 In each step, the law estimates the friction force ``f_i`` and the friction capacity ``c_i`` of each
-wheel, and then the mass and the accelerations that these forces do not explain (`observers`). It
-solves the optimization problem (`braking_qp`)
+wheel. It then estimates the mass of the vehicle, and the accelerations that these forces do not
+explain (`observers`). It solves the optimization problem (`braking_qp`)
 
 ``min (1 - b_0 x)^2 + W (|b_1 x - g_1| + |b_2 x - g_2|)``
 subject to ``0 <= x <= 1``

@@ -30,8 +30,13 @@ def observe_wheels(law: Constants, memory: Memory, motion: Motion, error: FloatA
     """Update motion and nominal brake force of each wheel, and estimate the dead time.
 
     The estimated dead time increases while the wheels lose much less speed than the nominal torque
-    predicts. During this time the brakes are assumed to exert no force. The error of each wheel
-    [m/s] is written to `error`.
+    predicts. During this time the brakes are assumed to exert no force.
+
+    Args:
+        law: constants of the law.
+        memory: memory of the law.
+        motion: motion of the vehicle and its wheels.
+        error: output, error of each wheel [m/s] as defined in `allocation.step`, shape (N,).
     """
     body, limit = memory.body[0], law.locked_share * math.hypot(motion.v_x, motion.v_y)
     expected = lost = 0.0
@@ -68,13 +73,13 @@ def observe_wheels(law: Constants, memory: Memory, motion: Motion, error: FloatA
 def observe_friction(law: Constants, memory: Memory) -> None:
     """Update friction forces and capacities of all wheels.
 
-    If the force rises faster than the allowed growth of the capacity, the tire is still deflecting.
-    The force is then a lower bound of the capacity, even if the wheel slides.
-    A wheel without a speed reading has the largest capacity of the other wheels, which limits its
-    force.
-    While the brake force builds up, an error of the nominal lag appears as friction. While the
-    friction force rises this fast, the capacity therefore follows it with the time constant of the
-    lag.
+    The force of a sliding wheel is its capacity. While the force rises faster than the capacity may
+    grow, however, the tire is still deflecting. The force is then a lower bound of the capacity,
+    even if the wheel slides. During this rise, an error of the nominal lag appears as friction. The
+    capacity therefore rises to the force with the time constant of the lag.
+
+    A wheel without a speed reading has the largest capacity of the other wheels. This capacity
+    limits its force.
     """
     dt = memory.body[0].dt
     gain, largest = 1.0 - math.exp(-dt / law.observer_time), 0.0
