@@ -93,11 +93,7 @@ def correlate(spectra: Spectrum) -> Products:
     """
     m, count = spectra.shape
     distances = lags(m)
-    lagged, newer, older = (
-        np.zeros((_LAGS, count), np.complex64),
-        np.zeros((_LAGS, count), np.complex64),
-        np.zeros((_LAGS, count), np.complex64),
-    )
+    lagged, newer, older = np.zeros((3, _LAGS, count), np.complex64)
     square = spectra.real**2 + spectra.imag**2
     total, whole = spectra.sum(axis=0), square.sum(axis=0)
     power = np.zeros((_LAGS, count), np.float32)

@@ -262,8 +262,7 @@ def search(
 
     The first search covers the whole range and minimizes the sum of squares. The second search
     covers the surroundings of the first result and minimizes the sum of fourth powers, which
-    reduces the largest deviation. The final result depends only on the seed and the versions of
-    the libraries.
+    reduces the largest deviation. The result depends only on the seed and the library versions.
 
     Args:
         bases: variants of ``turn_while_translate``, keyed by case of Table 2.
@@ -274,8 +273,7 @@ def search(
         refinement: further limit on the number of generations of the second search.
         sound: whether a vehicle with an `assumption_violation` costs more than any other, which
             excludes it.
-        on_generation: function that is called with the number of each generation and the lowest
-            cost so far.
+        on_generation: function called with each generation's number and the lowest cost so far.
 
     Returns:
         The best candidate found, keyed by the names in `QUANTITIES`.
