@@ -1,10 +1,11 @@
 """Robust variance of a displacement, and number of the ground features that determine it.
 
-The variance is the sandwich estimate ``J^-1 B J^-1`` over segments of the ground, where J is the
-curvature of the log-likelihood. B is the covariance of its derivative by Newey and West (1987):
-segments up to `_CORRELATED` apart may have correlated errors, because texture that is longer than a
-segment is part of several of them. The sandwich is valid even if the noise is not white and the
-model is not exact.
+The variance is the sandwich estimate ``J^-1 B J^-1`` over segments of the ground. J is the observed
+curvature of the log-likelihood. It is smaller than the expected curvature where the texture loses
+its coherence faster than the model: in oblique motion and in turns. B is the covariance of the
+derivative of the log-likelihood by Newey and West (1987): segments up to `_CORRELATED` apart may
+have correlated errors, because texture that is longer than a segment is part of several of them.
+The sandwich is valid even if the noise is not white and the model is not exact.
 """
 
 import math
@@ -18,7 +19,9 @@ from linescan_odometry.joint.spectra import (
     SIGNIFICANT,
     Doubles,
     Floats,
+    Spectrum,
     summing,
+    whiten,
     window,
 )
 from linescan_odometry.matching.transforms import transform_size
@@ -26,7 +29,6 @@ from omni_platform.kernels import kernel, linked
 
 PLACES = 24  # number of ground segments in a line
 _CORRELATED = 2  # segments; largest distance at which the errors of two segments are correlated
-_LEAST_FREEDOM = 2.5  # degrees of freedom; limits Student's factor of the variance to 5
 
 
 class Fit(NamedTuple):
@@ -121,16 +123,20 @@ def assess(lines: Floats, here: Expansion) -> Fit:
     for b in range(len(edges) - 1):
         gamma = min(moments[1, b] / moments[0, b], 1.0 - LEAST_NOISE)
         weight[edges[b] : edges[b + 1]] = math.sqrt(gamma / ((1.0 - gamma * gamma) * moments[0, b]))
-    parts = _places(here, weight, lines.shape[1])
-    variance = _sandwich(parts, here.inverse[0])
+    moved, curvature = _moved(here)
+    parts = _places(here, moved, weight, lines.shape[1])
+    energy = np.maximum(parts[:, 1], 0.0)
+    total = max(energy.sum(), 1e-12)
+    # The observed curvature of noisy lines varies by chance, even to below 0. It therefore enlarges
+    # the standard deviation at least by the factor 1, and at most by the factor `SIGNIFICANT`.
+    curvature = min(max(curvature, 1.0 / SIGNIFICANT), 1.0)
+    variance = _variance(parts[:, 0], energy / total) / curvature**2
     # With weights of amplitude times coherence, a bright edge dominates less than with energies.
-    energy = np.maximum(parts[:, 2], 0.0)
-    amplitude = energy**1.5 / np.maximum(parts[:, 3], 1e-12)
+    amplitude = energy**1.5 / np.maximum(parts[:, 2], 1e-12)
     features = amplitude.sum() ** 2 / max((amplitude * amplitude).sum(), 1e-12)
     # With oblique edges or a second motion, neighboring and distant lines shift differently.
-    total = max(parts[:, 2].sum(), 1e-12)
-    offset = parts[:, 4].sum() / total
-    scatter = (parts[:, 4] - offset * parts[:, 2]) / total
+    offset = parts[:, 3].sum() / total
+    scatter = (parts[:, 3] - offset * parts[:, 1]) / total
     excess = max(offset**2 - SIGNIFICANT**2 * (scatter * scatter).sum(), 0.0)
     variance += excess
     coherence = moments[1].sum() / max(moments[0].sum(), 1e-9)
@@ -139,52 +145,74 @@ def assess(lines: Floats, here: Expansion) -> Fit:
 
 
 @kernel
-def _sandwich(parts: Doubles, inverse: Doubles) -> float:
-    """Return the variance of the displacement [px^2].
+def _variance(errors: Doubles, share: Doubles) -> float:
+    """Return the variance of the sum of the errors of all segments.
 
     It is infinite if the coherent energy is concentrated in effectively two segments or fewer.
 
     Args:
-        parts: properties of the p segments from `_places`, shape (p, 5).
-        inverse: row of the inverse information that belongs to d, shape (2,).
+        errors: contribution of each segment to the error [px], shape (p,).
+        share: share of each segment in the coherent energy [1], shape (p,).
     """
-    energy = np.maximum(parts[:, 2], 0.0)
-    total = energy.sum()
-    if total <= 0.0:
+    concentration = (share * share).sum()  # inverse of the effective number of segments
+    if concentration >= 0.5:
         return math.inf
-    share = energy / total
-    slope = inverse[0] * parts[:, 0] + inverse[1] * parts[:, 1]
-    own = slope - share * slope.sum()
+    # The error of the whole reduces each deviation by the segment's share (MacKinnon, White 1985).
+    own = (errors - share * errors.sum()) / (1.0 - share)
     scatter = (own * own).sum()
     for lag in range(1, _CORRELATED + 1):
         weight = 1.0 - lag / (_CORRELATED + 1.0)  # Bartlett's, so that the sum is not negative
         scatter += 2.0 * weight * (own[lag:] * own[:-lag]).sum()
-    effective = 1.0 / (share * share).sum()
-    if effective <= 2.0:
-        return math.inf
-    # Student's factor, with the degrees of freedom of a sum with Bartlett's weights.
-    freedom = max(1.5 * effective / (_CORRELATED + 1.0), _LEAST_FREEDOM)
-    variance: float = scatter * freedom / (freedom - 2.0)
+    # Student's factor, with the degrees of freedom of a sum with Bartlett's weights. It is limited
+    # like that of the curvature.
+    freedom = 1.5 / ((_CORRELATED + 1.0) * concentration)
+    variance: float = scatter / max(1.0 - 2.0 / freedom, SIGNIFICANT**-2)
     return variance
 
 
 @kernel
-def _places(here: Expansion, weight: Doubles, pixels: int) -> Doubles:
-    """Return five properties of each of the p ground segments, shape (p, 5).
+def _moved(here: Expansion) -> tuple[Spectrum, float]:
+    """Return the product ``M z``, shape (t, F), and the relative curvature [1].
 
-    Columns 0 and 1 are the derivatives of the log-likelihood with respect to the displacement d per
-    line and its change a. Columns 2 and 3 are the coherent and the total energy. Column 4 is the
-    derivative with respect to d, computed from neighboring lines alone.
+    Let D be the diagonal matrix of the derivatives of the paths, times the row of the inverse
+    information that belongs to d. With ``M = (D T^-1 - T^-1 D) / 2``, the Newton step in d is the
+    sum over frequencies of ``Re((2 pi i f z)' M z)``. A constant in D moves all lines together, and
+    does not change M. The derivative of the step with respect to d is the negative of the relative
+    curvature: the observed curvature of the log-likelihood, divided by the expected one.
+    """
+    cut, model = here.cut, here.model
+    derivatives = here.inverse[0, 0] * model.along[0] + here.inverse[0, 1] * model.along[1]
+    half = (0.5 * derivatives[cut.line]).astype(np.float32).reshape(-1, 1)
+    white = np.zeros_like(cut.spectra)
+    for block in range(len(cut.first) - 1):
+        i, j = cut.first[block], cut.first[block + 1]
+        whiten(half[i:j] * cut.spectra[i:j], model.edges, model.bands, white[i:j])
+    moved = half * here.white - white
+    curvature = 0.0
+    for r in range(len(moved)):
+        total, z, w = 0.0, cut.spectra[r], moved[r]
+        for f in range(len(model.rate)):
+            total += model.rate[f] ** 2 * (z[f].real * w[f].real + z[f].imag * w[f].imag)
+        curvature -= 2.0 * model.along[0, cut.line[r]] * total
+    return moved, curvature
+
+
+@kernel
+def _places(here: Expansion, moved: Spectrum, weight: Doubles, pixels: int) -> Doubles:
+    """Return four properties of each of the p ground segments, shape (p, 4).
+
+    Column 0 is the contribution to the Newton step in the displacement d per line [px]. Columns 1
+    and 2 are the coherent and the total energy. Column 3 is the derivative of the log-likelihood
+    with respect to d, computed from neighboring lines alone.
 
     Each property is a sum of products of lines over the positions in a segment, on a grid as coarse
     as the highest frequency allows. The energy is the information ``f^2 gamma^2 / (1 - gamma^2)``
     of a coherence gamma. Its coherent part is computed from products of neighboring lines, in which
-    only the ground is correlated. The derivatives of the paths are taken relative to their mean
-    over a block: a constant in them would not change the derivative of the whole line, but it would
-    change that of each segment.
+    only the ground is correlated.
 
     Args:
         here: expansion of the log-likelihood near its maximum.
+        moved: product ``M z`` from `_moved`, shape (t, F).
         weight: weight of each frequency in the energies, shape (F,).
         pixels: number of pixels n of a line.
     """
@@ -195,7 +223,7 @@ def _places(here: Expansion, weight: Doubles, pixels: int) -> Doubles:
     turn = (1j * model.rate).astype(np.complex64)
     for r in range(rows):
         for f in range(1, count):
-            parted[0, r, f] = here.white[r, f]
+            parted[0, r, f] = moved[r, f]
             parted[1, r, f] = turn[f] * cut.spectra[r, f]
             parted[2, r, f] = parted[1, r, f] * np.float32(weight[f])
             parted[3, r, f] = cut.spectra[r, f] * np.float32(weight[f])
@@ -204,15 +232,14 @@ def _places(here: Expansion, weight: Doubles, pixels: int) -> Doubles:
     seen = int(cut.length * scale)
     lowest = math.floor(cut.ground.min() * PLACES / pixels)
     highest = math.floor((cut.ground.max() + cut.length) * PLACES / pixels)
-    parts = np.zeros((highest - lowest + 1, 5))
+    parts = np.zeros((highest - lowest + 1, 4))
     for block in range(len(cut.first) - 1):
-        own = model.along[:, cut.line[cut.first[block] : cut.first[block + 1]]]
-        sums = _summed(space, cut.first[block], seen, own)
+        sums = _summed(space, cut.first[block], cut.first[block + 1], seen)
         for p in range(len(parts)):
             begin = ((p + lowest) * pixels / PLACES - cut.ground[block]) * scale
             i = max(0, math.ceil(begin))
             j = max(i, min(seen, math.ceil(begin + pixels / PLACES * scale)))
-            for which in range(5):
+            for which in range(4):
                 parts[p, which] += sums[which, i:j].sum()
     # The inverse transform weights every frequency by 2 / size.
     parts *= 0.5 * size
@@ -220,28 +247,24 @@ def _places(here: Expansion, weight: Doubles, pixels: int) -> Doubles:
 
 
 @kernel
-def _summed(space: Floats, first: int, seen: int, along: Doubles) -> Floats:
-    """Return the products of lines for `_places`, summed over the lines of a block, shape (5, g).
+def _summed(space: Floats, first: int, end: int, seen: int) -> Floats:
+    """Return the products of lines for `_places`, summed over the lines of a block, shape (4, g).
 
     Args:
-        space: whitened lines, slopes, weighted slopes and weighted lines, shape (4, t, size).
+        space: products M z, slopes, weighted slopes and weighted lines, shape (4, t, size).
         first: row of the block's first line.
+        end: row after the block's last line.
         seen: number of grid points g that the lines cover.
-        along: derivatives of the paths with respect to d and a, shape (2, m).
     """
     half = np.float32(0.5)
-    sums = np.zeros((5, seen), np.float32)
-    by_d, by_a, shared, whole, shift = sums
-    for k in range(along.shape[1]):
-        white, slopes = space[0, first + k], space[1, first + k]
-        energy, texture = space[2, first + k], space[3, first + k]
-        d, a = np.float32(along[0, k] - along[0].mean()), np.float32(along[1, k] - along[1].mean())
+    sums = np.zeros((4, seen), np.float32)
+    by_d, shared, whole, shift = sums
+    for k in range(first, end):
+        moved, slopes, energy, texture = space[0, k], space[1, k], space[2, k], space[3, k]
         for i in range(seen):
-            product = white[i] * slopes[i]
-            by_d[i] += d * product
-            by_a[i] += a * product
-        if k > 0:
-            before, older = space[2, first + k - 1], space[3, first + k - 1]
+            by_d[i] += moved[i] * slopes[i]
+        if k > first:
+            before, older = space[2, k - 1], space[3, k - 1]
             for i in range(seen):
                 shared[i] += energy[i] * before[i]
                 whole[i] += half * (energy[i] * energy[i] + before[i] * before[i])
