@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable, Mapping
 from typing import Any
@@ -11,7 +12,9 @@ import pytest
 
 from linescan_odometry.configuration import OdometryConfiguration
 from linescan_odometry.joint.estimator import JointEstimator
+from linescan_odometry.joint.fit import _moved
 from linescan_odometry.joint.fixed_pattern import prior, without_defects
+from linescan_odometry.joint.likelihood import Precision, expand
 from linescan_odometry.joint.spectra import independent, whiten
 from linescan_odometry.odometry import LineScanOdometry
 from linescan_odometry.sensor import SensorOdometry
@@ -156,6 +159,26 @@ def scores_sideways(
         if not found.reason:
             scores.append((found.value - displacement) ** 2 / found.variance)
     return scores
+
+
+def test_the_observed_curvature_is_the_slope_of_the_newton_step() -> None:
+    logs = np.log(sideways(3, 1.7, 0.9, 20.0, {3.0: 1.0})).astype(np.float32)
+    known = Precision(np.full(307, math.inf), np.zeros(307))
+    here = expand(logs, known, np.array([1.71, 0.0]), PIXELS // 2, CHANGE)
+    cut, model = here.cut, here.model
+    turn = np.multiply.outer(model.along[0, cut.line], model.rate)
+
+    def step(shift: float) -> float:
+        spectra = (cut.spectra * np.exp(-1j * shift * turn)).astype(np.complex64)
+        white = np.zeros_like(spectra)
+        for i, j in itertools.pairwise(cut.first):
+            whiten(spectra[i:j], model.edges, model.bands, white[i:j])
+        product, _ = _moved(here._replace(cut=cut._replace(spectra=spectra), white=white))
+        return float((np.conj(1j * model.rate * spectra) * product).real.sum())
+
+    assert step(0.0) == pytest.approx(here.step[0], rel=1e-2)
+    slope = (step(1e-3) - step(-1e-3)) / 2e-3
+    assert _moved(here)[1] == pytest.approx(-slope, rel=1e-2)
 
 
 @pytest.mark.parametrize("displacement", [0.03, 1.34])
