@@ -2,7 +2,7 @@
 
 The variance is the sandwich estimate ``J^-1 B J^-1`` over segments of the ground. J is the observed
 curvature of the log-likelihood. It is smaller than the expected curvature where the texture loses
-its coherence faster than the model: in oblique motion and in turns. B is the covariance of the
+its coherence faster than in the model: in oblique motion and in turns. B is the covariance of the
 derivative of the log-likelihood by Newey and West (1987): segments up to `_CORRELATED` apart may
 have correlated errors, because texture that is longer than a segment is part of several of them.
 The sandwich is valid even if the noise is not white and the model is not exact.
@@ -35,15 +35,15 @@ class Fit(NamedTuple):
     """Properties of a displacement at a maximum of the likelihood.
 
     Attributes:
-        variance: robust variance of the displacement [px^2].
+        variance: robust variance of the displacement, plus the square of `difference` [px^2].
         white: variance of the displacement according to the model with white noise [px^2], infinite
             without information.
         features: effective number of independent features that move with the displacement.
         coherence: coherence between neighboring lines, weighted by power [1].
         contrast: energy of the gradients that neighboring lines have in common, relative to the
             energy of the gradients of the noise [1].
-        difference: displacement per line estimated from neighboring lines, minus that estimated
-            from all lines [px]; 0 if the difference is not significant.
+        difference: significant part of the difference between two displacements per line, one
+            estimated from neighboring lines and one from all lines [px]; at least 0.
     """
 
     variance: float
@@ -88,8 +88,8 @@ def _gain(cut: Cut) -> float:
 def _noise(lines: Floats) -> float:
     """Return the median of the pixels' noise variances, estimated from lines of shape (m, n).
 
-    Differences between lines contain no fixed pattern. Their third differences along the line
-    contain hardly any ground texture, because the optics blur it.
+    Differences between lines contain no fixed pattern. The third differences of these along the
+    line contain hardly any ground texture, because the optics blur it.
     """
     m, n = lines.shape
     square = np.zeros(n - 3, np.float32)
@@ -109,10 +109,10 @@ def _noise(lines: Floats) -> float:
 @linked
 @kernel
 def assess(lines: Floats, here: Expansion) -> Fit:
-    """Return variance and quality measures of the displacement at a maximum of the likelihood.
+    """Return the properties listed in `Fit` for a displacement at a maximum of the likelihood.
 
     Args:
-        lines: logarithm of the lines minus the pattern, shape (m, n).
+        lines: logarithm of the gray levels, minus the fixed pattern, shape (m, n).
         here: expansion of the log-likelihood near its maximum.
     """
     cut, edges, moments = here.cut, here.model.edges, here.moments
@@ -127,8 +127,8 @@ def assess(lines: Floats, here: Expansion) -> Fit:
     parts = _places(here, moved, weight, lines.shape[1])
     energy = np.maximum(parts[:, 1], 0.0)
     total = max(energy.sum(), 1e-12)
-    # The observed curvature of noisy lines varies by chance, even to below 0. It therefore enlarges
-    # the standard deviation at least by the factor 1, and at most by the factor `SIGNIFICANT`.
+    # The observed curvature of noisy lines varies by chance and may even be negative. The factor by
+    # which it enlarges the standard deviation is therefore limited to 1 to `SIGNIFICANT`.
     curvature = min(max(curvature, 1.0 / SIGNIFICANT), 1.0)
     variance = _variance(parts[:, 0], energy / total) / curvature**2
     # With weights of amplitude times coherence, a bright edge dominates less than with energies.
@@ -146,7 +146,7 @@ def assess(lines: Floats, here: Expansion) -> Fit:
 
 @kernel
 def _variance(errors: Doubles, share: Doubles) -> float:
-    """Return the variance of the sum of the errors of all segments.
+    """Return the variance of the sum of the errors of all segments [px^2].
 
     It is infinite if the coherent energy is concentrated in effectively two segments or fewer.
 
@@ -174,7 +174,7 @@ def _variance(errors: Doubles, share: Doubles) -> float:
 def _moved(here: Expansion) -> tuple[Spectrum, float]:
     """Return the product ``M z``, shape (t, F), and the relative curvature [1].
 
-    Let D be the diagonal matrix of the derivatives of the paths, times the row of the inverse
+    Let D be the diagonal matrix of the derivatives of the paths, weighted by the row of the inverse
     information that belongs to d. With ``M = (D T^-1 - T^-1 D) / 2``, the Newton step in d is the
     sum over frequencies of ``Re((2 pi i f z)' M z)``. A constant in D moves all lines together, and
     does not change M. The derivative of the step with respect to d is the negative of the relative

@@ -22,12 +22,12 @@ WHEEL = np.dtype(
         # Sign of the hub's velocity along the active direction [1]; if the locked wheel holds its
         # hub, the sign of the velocity of base_link along this direction.
         ("sign", "f8"),
-        ("hub", "f8"),  # magnitude of this velocity [m/s]
+        ("hub", "f8"),  # speed of the hub along the active direction [m/s]
         ("speed", "f8"),  # speed of the rim in the sense of rolling, at least 0 [m/s]
         ("last_speed", "f8"),  # speed of the rim in the last step [m/s]
         ("known", "?"),  # whether the wheel speed is measured; if not, rolling is assumed
-        # Whether the enable stays 1: the brake has failed, or the motion hardly drives the wheel,
-        # so that the friction of the wheel only opposes a drift.
+        # Whether the enable stays 1, because the brake has failed or the motion hardly drives the
+        # wheel. The friction of a wheel that the motion hardly drives only opposes a drift.
         ("fixed", "?"),
         ("brake", "f8"),  # nominal brake force in this step [N]
         ("mean_brake", "f8"),  # mean nominal brake force over the last period [N]

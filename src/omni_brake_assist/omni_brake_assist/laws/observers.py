@@ -105,14 +105,14 @@ def observe_friction(law: Constants, memory: Memory) -> None:
             wheel.capacity = min(max(wheel.capacity, wheel.force, _LEAST_CAPACITY), law.most[i])
             largest = max(largest, wheel.capacity)
     for i in range(law.rim.size):
-        # The encoder may have been wrong before it was isolated, and the wheel's capacity with it.
+        # The encoder may have been faulty before it was isolated, so the capacity may be wrong.
         if not memory.wheel[i].known:
             memory.wheel[i].capacity = largest
 
 
 @lean
 def observe_body(law: Constants, memory: Memory, motion: Motion) -> None:
-    """Update heading, mass estimate and disturbances with motion and forces of the last period."""
+    """Update heading, mass estimate and disturbances from motion and forces of the last period."""
     body, dt = memory.body[0], memory.body[0].dt
     f_x = f_y = moment = 0.0
     for i in range(law.rim.size):

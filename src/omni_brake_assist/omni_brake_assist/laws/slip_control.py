@@ -22,7 +22,11 @@ _LEAST_ENABLE = 0.01  # enable of one brake if all others are released [1]
 
 @lean
 def control_slip(law: Constants, memory: Memory, motion: Motion, enable: FloatArray) -> None:
-    """Write the brake enables of all wheels [1], shape (N,), to `enable`."""
+    """Write the brake enables of all wheels [1], shape (N,), to `enable`.
+
+    For on-off valves, the predicted friction forces are written to `memory.forces`. At least one
+    brake remains on.
+    """
     body, share, valves = memory.body[0], memory.qp.solution, law.brake.pressure_step >= 1.0
     times, delay = (body.dt, law.observer_time), body.dead_time / body.dt
     slowing = body.deceleration / (math.hypot(motion.v_x, motion.v_y) + 1e-3)  # [1/s]
