@@ -350,7 +350,7 @@ def _hold(memory: Memory, answer: int, error: FloatArray, enable: FloatArray) ->
 
 @lean
 def _is_any_on(enable: FloatArray, failed: int) -> bool:
-    """Return whether at least one brake other than that of wheel index `failed` is on."""
+    """Return whether at least one brake is on, other than the brake of wheel `failed`."""
     on = False
     for i in range(enable.size):
         on |= enable[i] > 0.0 and i != failed

@@ -135,10 +135,10 @@ class BrakeAssistConfiguration(Configuration):
         """Check that k satisfies Eq. (58) and that the wheels can brake the platform.
 
         Raises:
-            ConfigurationError: the law is unknown or has too many valves, k is even, or
-                `feedback_timeout` exceeds `maximum_time_step`.
+            ConfigurationError: the law is unknown, the vehicle has too many valves for the law, k
+                is even, or `feedback_timeout` exceeds `maximum_time_step`.
             UnusablePlatformError: the wheels cannot brake the platform in all three degrees of
-                freedom, which section 3.3 requires.
+                freedom, as section 3.3 of the dissertation requires.
         """
         check_name("law", self.law, LAWS, LAW_GROUP)
         try:
