@@ -44,7 +44,7 @@ class PairsMethod:
         self._matcher.reset()
 
     def measure(self, lines: Lines, plausibility: Plausibility, stamp_ns: int) -> Displacement:
-        """Return the displacement in a batch; see `sensor.Method`."""
+        """Return the mean displacement per line in a batch; implements `sensor.Method.measure`."""
         settings = self._settings
         pairs = self._matcher.match(lines)
         implausible = plausibility.mark(stamp_ns, pairs)

@@ -178,7 +178,8 @@ class LineChain:
             late: `elapsed` minus `count` [line periods].
             elapsed: time since the last batch [line periods].
             count: number of lines in the batch.
-            joined: whether the batch follows the previous one without a gap.
+            joined: whether the batch follows the previous one without a gap. If so, `late` is added
+                to a decaying sum, which is checked; otherwise only this batch is checked.
         """
         if joined:
             self._late += late

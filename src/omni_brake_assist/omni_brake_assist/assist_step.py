@@ -177,7 +177,7 @@ def _estimate_motion(
         constants: constants of the assistant.
         memory: memory of the assistant, changed in place.
         inputs: inputs of this step.
-        received: whether a valid twist has been received.
+        received: whether the latest twist is valid and the gate is open; otherwise it is ignored.
         pedal: the driver's brake demand, 0 while the pedal is up [1].
         dt: time since the previous step [s].
 
@@ -317,7 +317,7 @@ def _first_fault(step: Any, cause: int, outside: int, replans: bool) -> int:
     Args:
         step: flags of this step, the record `Memory.step`.
         cause: condition that closed the gate; GOOD while the gate is open.
-        outside: see `Inputs.outside`.
+        outside: condition that was detected before the kernel is called, as `Inputs.outside`.
         replans: whether `allocation` controls the rest of a stop after a brake has failed. If so, a
             failed brake gives the condition REPLANNED, otherwise FAILED_BRAKE.
     """

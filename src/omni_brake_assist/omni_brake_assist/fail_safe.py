@@ -49,7 +49,7 @@ GATE_STATE = np.dtype(
 
 
 class Limits(NamedTuple):
-    """Limits within which a twist is valid; see `BrakeAssistConfiguration`.
+    """Limits within which a twist is valid, from the fields of `BrakeAssistConfiguration`.
 
     Attributes:
         maximum_step_ns: limit on the time between two demands [ns].
@@ -116,7 +116,7 @@ def close_gate(gate: Any, check: int, value: float, limit: float, within: float)
     """Close the gate because of a violated condition, and set the recovery count to 0.
 
     Args:
-        gate: memory, a record of `GATE_STATE`.
+        gate: memory, a record of `GATE_STATE`, changed in place.
         check: violated condition, a row of `conditions.CONDITIONS`.
         value: measured value.
         limit: limit on the value.

@@ -23,7 +23,8 @@ def leave_at_once_on_signals() -> None:
 def clean_up_on_signals() -> None:
     """Make signals raise `KeyboardInterrupt` or `SystemExit`, so that processes are ended.
 
-    This function must be called after the last import; see `leave_at_once_on_signals`.
+    This function must be called after the last import, because such an exception could interrupt an
+    import.
     """
     if signal.getsignal(signal.SIGINT) == _leave:
         signal.signal(signal.SIGINT, signal.default_int_handler)

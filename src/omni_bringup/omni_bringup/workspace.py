@@ -61,7 +61,7 @@ class Workspace:
         return out or self.folder.joinpath("results", *parts)
 
     def progress(self) -> AbstractContextManager[Callable[[float, str], None]]:
-        """Return a progress bar; see `progress_bar`."""
+        """Return a context manager that shows a progress bar, named after the command."""
         return progress_bar(self.program.split()[-1])
 
 

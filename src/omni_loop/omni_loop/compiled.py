@@ -318,7 +318,7 @@ def _run_part(run: _Run, first: int, last: int) -> tuple[int, int]:
     """Run the loop from stamp `first` to the stamp before `last`, and record each stamp.
 
     Returns:
-        Next stamp; outcome of the run, see `run_progress.run_outcome`.
+        Next stamp; outcome of the run, a constant of `omni_sim.run_progress`.
     """
     for stamp in range(first, last):
         inputs = _sense(run, stamp)
@@ -361,7 +361,7 @@ def _record_and_advance(run: _Run, stamp: int) -> int:
     """Record the state at a stamp, and advance the vehicle unless the run has ended.
 
     Returns:
-        Outcome of the run, see `run_progress.run_outcome`.
+        Outcome of the run, a constant of `omni_sim.run_progress`.
     """
     state, loop, scratch, record = run.state, run.loop, run.scratch, run.record
     record.valid[stamp] = not run.memory.step[0].faulty

@@ -95,7 +95,8 @@ def decoded_messages(
     Args:
         bag: the recording.
         topics: names of the topics.
-        ordered: whether to sort the messages by log time, see `in_time_order`.
+        ordered: whether to yield the messages in the order of their log times; otherwise they are
+            in the order of the file.
 
     Raises:
         BagError: the recording or a message cannot be read.

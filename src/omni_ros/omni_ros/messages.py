@@ -241,7 +241,8 @@ class LineImage(NamedTuple):
 def line_image(stamp_ns: int, frame: str, lines: LineArray) -> bytes:
     """Return a batch of lines as a serialized image; each row is a line, oldest first.
 
-    As in `diagnostics`, this function serializes the message itself so that the padding is zero.
+    This function serializes the message itself, so that the padding is zero and the recordings of
+    equal runs are equal.
 
     Args:
         stamp_ns: stamp of the newest line [ns].

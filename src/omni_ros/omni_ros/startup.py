@@ -25,7 +25,8 @@ class StartupConfiguration(Configuration):
         Args:
             publishers: publishers to wait for.
             spinner: spinner, which notices a request to stop.
-            count: number of subscriptions that each publisher must have; `subscribers` by default.
+            count: number of subscriptions that each publisher must have; None for the value of the
+                parameter `subscribers`.
 
         Raises:
             NodeError: a topic has too few subscriptions; the message names the topic.

@@ -168,7 +168,7 @@ def corrupt(
     """Apply the faults of a channel to a reading; call this once per stamp and channel.
 
     Args:
-        faults: faults of the run.
+        faults: faults of the run; their memory of past readings is changed in place.
         channel: one of TWIST, GYRO, ACCELEROMETER, ENCODER.
         step: number of the stamp.
         period_ns: time between two stamps [ns].

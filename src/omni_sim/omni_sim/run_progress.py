@@ -22,7 +22,7 @@ _REST = np.dtype([("still", "?"), ("since", "f8")])  # whether at rest, and sinc
 
 
 class End(NamedTuple):
-    """Conditions under which a run ends; see `SimulationConfiguration`.
+    """Conditions under which a run ends; all but `earliest` are from `SimulationConfiguration`.
 
     Attributes:
         rest_speed: speed below which the vehicle is at rest [m/s].

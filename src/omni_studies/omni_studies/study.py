@@ -66,7 +66,7 @@ class StudyRun:
     def table(
         self, name: str, header: Iterable[str], rows: Iterable[Sequence[Any]], digits: int = 9
     ) -> None:
-        """Write a table; the arguments are those of `data_table.write_table`."""
+        """Write a table to the file `name`; the others are arguments of `data_table.write_table`."""
         self.written.append(data_table.write_table(self.folder / name, header, rows, digits))
 
     def campaign(
@@ -78,7 +78,10 @@ class StudyRun:
         fingerprint: str,
         name: str = "stops.csv",
     ) -> list[Row]:
-        """Run a campaign and write the table `name` of results; arguments as in `run_campaign`."""
+        """Run a campaign, and write its results to the table `name`; return all results.
+
+        All other arguments are those of `omni_tools.campaign.runner.run_campaign`.
+        """
         path = self.folder / name
         self.written.append(path)
         return run_campaign(work, seeds, row, options, path, fingerprint, self.report)

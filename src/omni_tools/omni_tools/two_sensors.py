@@ -133,7 +133,8 @@ def first_sensor_displacement(
         distance: distance between the sensors, d_2 [m], above 0.
 
     Raises:
-        DisplacementError: for the same reasons as in `two_sensor_displacement`.
+        DisplacementError: a value is not finite, `distance` is not above 0, or the displacements
+            along x differ by more than `distance`.
     """
     _check_finite(y_1=first.y)
     # Eqs. (76), (77)

@@ -133,7 +133,7 @@ def find(
         products: correlations from `correlate`.
         layout: sizes of the batch.
         pattern: spectrum of the present estimate of the fixed pattern, shape (F,).
-        weight: weight of each frequency, see `band_pass`, shape (F,).
+        weight: weight of each frequency, from `band_pass`, shape (F,).
         last: displacement per line in the previous batch [px]; NaN without a previous batch.
     """
     lines, _, size, limit = layout

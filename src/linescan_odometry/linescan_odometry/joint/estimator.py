@@ -228,7 +228,7 @@ def _transform(
     layout: candidates.Layout,
     last: float,
 ) -> _View:
-    """Return a batch in the frequency domain; for the arguments see `_estimate`."""
+    """Return a batch in the frequency domain; the arguments are those of `_estimate`."""
     logs = spectra.logarithms(lines, table)
     transformed = spectra.spectra_of(logs, camera.taper, layout.size)
     products = candidates.correlate(transformed)
@@ -381,7 +381,7 @@ class JointMethod:
         self._last = math.nan
 
     def measure(self, lines: Lines, plausibility: Plausibility, stamp_ns: int) -> Displacement:
-        """Return the displacement in a batch; see `sensor.Method`."""
+        """Return the mean displacement per line in a batch; implements `sensor.Method.measure`."""
         estimate = self.estimator.estimate(without_defects(lines), self._last)
         if estimate.reason:
             raise Unmeasured(estimate.reason, unmatched=True)

@@ -330,7 +330,7 @@ def pivots(band: Doubles, inverse: Floats | Doubles) -> float:
 def solve(
     off: Doubles, inverse: Doubles, noise: Doubles, values: NDArray[np.complex128]
 ) -> NDArray[np.complex128]:
-    """Return T^-1 (see `whiten`) times the values of the lines in each band, shape (m, B).
+    """Return T^-1 times the values of the lines in each band, with T of `whiten`, shape (m, B).
 
     Args:
         off: off-diagonal element from `pivots`, shape (B,).
@@ -383,7 +383,7 @@ def whiten(spectra: Spectrum, edges: NDArray[np.int64], model: Doubles, white: S
     Args:
         spectra: spectra of the lines, shape (m, F).
         edges: edges of the bands [bins], shape (B + 1,).
-        model: S, rho, N of each band, see `covariance`.
+        model: texture power S, coherence rho and noise power N of each band, shape (3, B).
         white: output, T^-1 times the spectra, shape (m, F).
     """
     m = len(spectra)

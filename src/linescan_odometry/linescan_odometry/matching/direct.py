@@ -56,7 +56,7 @@ class _Batch(NamedTuple):
         kind: number of the distance measure.
         lines: gray levels, shape (m, n).
         codes: rank of each pixel's gray level among the levels that occur, shape (m, n).
-        sums: sums of the first k pixels of each line and of their squares, see `running_sums`.
+        sums: sums of the first k pixels of each line and of their squares, from `running_sums`.
         ranks: working memory for each level that occurs, shape (2, levels).
     """
 
@@ -111,7 +111,7 @@ class DirectSearch:
     def match(
         self, lines: Lines, shift: NDArray[np.int64], similarity: NDArray[np.float64]
     ) -> None:
-        """Find the shift of each line from the previous one; see `search.ShiftSearch`."""
+        """Find the shift of each line; implements `search.ShiftSearch.match`."""
         codes, levels = lines, 0
         if self._kind == _SPEARMAN:
             codes, levels = _order(lines)

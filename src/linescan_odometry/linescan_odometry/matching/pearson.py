@@ -67,7 +67,7 @@ class PearsonSearch:
         shift: NDArray[np.int64],
         similarity: NDArray[np.float64],
     ) -> None:
-        """Find the shift of each line from the previous one; see `search.ShiftSearch`."""
+        """Find the shift of each line; implements `search.ShiftSearch.match`."""
         length = int(transform_size(lines.shape[1] + self._limit))
         for first in range(0, len(lines) - 1, _CHUNK):
             last = min(first + _CHUNK, len(lines) - 1)
@@ -83,7 +83,7 @@ def _match(
     shift: NDArray[np.int64],
     similarity: NDArray[np.float64],
 ) -> None:
-    """Find the shift of each of these lines from the previous one; see `search.ShiftSearch`.
+    """Find the shift of each of these lines from the previous one.
 
     Args:
         lines: m + 1 lines, oldest first, shape (m + 1, n).

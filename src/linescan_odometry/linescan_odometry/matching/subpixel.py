@@ -91,7 +91,7 @@ def _refine(
     displacement: NDArray[np.float64],
     errors: NDArray[np.float64],
 ) -> None:
-    """Refine the shift of every pair by Gauss-Newton steps; see `SubpixelRefiner.refine`.
+    """Refine the shift of every pair by Gauss-Newton steps.
 
     Args:
         lines: m + 1 lines of n pixels, oldest first, shape (m + 1, n).

@@ -79,7 +79,8 @@ class TwistSolver:
         """Create the solver for the given sensors and, if there is one, an unsteered axle.
 
         Raises:
-            ConfigurationError: the placement is singular or too weak, see `check_placement`.
+            ConfigurationError: the placement is singular or too weak; `check_placement` states the
+                conditions.
         """
         check_placement(sensors, minimum_lever, axle)
         self._sensors = dict(sensors)
@@ -188,9 +189,9 @@ class TwistSolver:
     def _least_squares(
         self, velocity: FloatArray, variance: FloatArray, measured: tuple[bool, ...]
     ) -> tuple[FloatArray, FloatArray]:
-        """Return the weighted least-squares twist and its covariance; arguments as in `solve`.
+        """Return the weighted least-squares twist and its covariance.
 
-        The covariance includes the calibration errors only if `variance` includes them.
+        The arguments are those of `solve`. The covariance includes the calibration errors only if `variance` includes them.
         """
         use = self.rows(measured)
         rows = self._matrix[use]
@@ -213,8 +214,9 @@ class TwistSolver:
         leverage of this velocity in the least-squares solution.
 
         Args:
-            variance: as in `solve`.
-            measured: as in `solve`.
+            variance: variances of the velocities [m^2/s^2], shape (R,), or their covariance, shape
+                (R, R).
+            measured: whether each sensor, and the axle if there is one, is used.
             covariance: covariance from `solve`.
         """
         rows = self._matrix / self._unit
@@ -238,9 +240,10 @@ class TwistSolver:
         subtracted because the twist depends on the tested sensor itself.
 
         Args:
-            velocity: as in `solve`.
-            variance: as in `solve`.
-            measured: as in `solve`.
+            velocity: velocities along the axes of the sensors [m/s], shape (R,).
+            variance: variances of the velocities [m^2/s^2], shape (R,), or their covariance, shape
+                (R, R).
+            measured: whether each sensor, and the axle if there is one, is used.
             twist: twist from `solve`.
             covariance: covariance from `solve`.
 

@@ -44,7 +44,8 @@ def predict(
         memory: memory of the bank, changed in place.
         dt: length of the step [s].
         force: whether the specific force is valid, and its components along x and y [m/s^2].
-        braking: whether the pedal is down.
+        braking: whether the pedal is down. While it is up, the variances of the biases approach
+            their initial values.
     """
     product = memory.product
     for k in range(bank.FILTERS):

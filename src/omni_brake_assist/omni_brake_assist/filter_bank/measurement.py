@@ -126,7 +126,7 @@ def fuse_twist(constants: BankConstants, memory: BankMemory, dt: float, twist: b
 
     Args:
         constants: constants of the vehicle.
-        memory: memory of the bank, at the time of validity of the twist.
+        memory: memory of the bank, predicted to the time of the twist; changed in place.
         dt: time since the last twist [s].
         twist: the twist.
     """
@@ -194,9 +194,9 @@ def fuse_wheels(
 
     Args:
         constants: constants of the vehicle.
-        memory: memory of the bank.
+        memory: memory of the bank, changed in place.
         dt: length of the step [s].
-        braking: whether the pedal is down.
+        braking: whether the pedal is down; only then can a wheel be locked.
         enable: brake enables [1], shape (N,).
         speeds: wheel speeds [rad/s], shape (N,).
         push: magnitude of the specific force, NaN without an IMU [m/s^2].

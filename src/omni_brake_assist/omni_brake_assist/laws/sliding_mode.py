@@ -39,5 +39,5 @@ class SlidingMode:
         self.manifold = SlidingManifold(geometry, weighting)
 
     def step(self, motion: Motion, error: FloatArray, enable: FloatArray) -> int:
-        """Enable the brakes of wheels with a negative error; see `Law.step`."""
+        """Enable the brakes of wheels with a negative error; implements `Law.step`."""
         return int(step(self.manifold.constants, motion, error, enable))

@@ -53,7 +53,7 @@ def commands_of(package: str) -> dict[str, str]:
 
 
 def load_command(group: Any, name: str) -> Any:
-    """Return the module that defines a command, or what ``group.command(name)`` returns.
+    """Return the module that defines a command, or the result of ``group.command(name)``.
 
     Args:
         group: module with a ``PACKAGE``, such as this one.

@@ -130,7 +130,7 @@ class RunningProcess:
             self._halted |= os.waitid(os.P_PID, self.pid, events) is not None
 
     def new_reports(self) -> list[dict[str, Any]]:
-        """Return the reports since the last call, see `omni_ros.report`."""
+        """Return the reports (`omni_ros.report`) of the process since the last call."""
         text = _read_from(self._reports, self._read_until)
         complete = text.rfind(b"\n") + 1
         self._read_until += complete
@@ -156,7 +156,7 @@ class RunningProcess:
         self.signal(signal.SIGCONT)  # a halted process could not end
 
     def stop(self) -> int:
-        """Request the end of the process; return the exit code as `wait_or_kill` does."""
+        """Request the end of the process, then call `wait_or_kill`; return the exit code."""
         self.request_stop()
         return self.wait_or_kill()
 

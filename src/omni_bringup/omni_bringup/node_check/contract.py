@@ -192,7 +192,7 @@ def simulator_breaches(seen: Mapping[str, Received], wheels: Sequence[str]) -> I
     """Yield violations in the messages of a simulator.
 
     Args:
-        seen: received messages, keyed as in `enables_node.Enables.watch`.
+        seen: received messages from `enables_node.Enables.watch`, keyed by topic.
         wheels: names of the wheels.
     """
     if not seen["clock"].messages:

@@ -59,9 +59,9 @@ def interpolate_poses(
 def _interpolate(
     trajectory: FloatArray, start_ns: float, step_ns: float, times_ns: FloatArray, poses: FloatArray
 ) -> bool:
-    """Write the poses, shape (m, 3); return whether all times are within the trajectory.
+    """Write the poses to `poses`; return whether all times are within the trajectory.
 
-    The other arguments are those of `interpolate_poses`.
+    The other arguments are those of `interpolate_poses`; `poses` has the shape (m, 3).
     """
     steps = len(trajectory) - 1
     step = step_ns * 1e-9

@@ -82,10 +82,10 @@ def move(
 def advance(
     state: layout.State, control: layout.Control, steps: int, trajectory: FloatArray
 ) -> None:
-    """Advance the state of the vehicle by `steps` physics steps, in place.
+    """Advance the state of the vehicle by `steps` physics steps.
 
     Args:
-        state: state of the vehicle.
+        state: state of the vehicle, changed in place.
         control: inputs, constant over the call.
         steps: number of steps.
         trajectory: output; pose and velocity of base_link in the world frame at the start and after
@@ -338,7 +338,7 @@ def _step_wheels(
     """Advance all wheels by one step.
 
     Args:
-        state: state of the vehicle.
+        state: state of the vehicle, changed in place.
         rollers: rollers of the state, or None; the kernel is compiled for both cases.
         step: quantities common to all wheels.
         brake: torque that each brake can exert in this step [N m], shape (N,).
@@ -380,10 +380,10 @@ def _step_wheels(
 
 @lean_inline
 def _step_wheel(state: layout.State, step: Step, i: int, brake: float, drive: Drive) -> None:
-    """Advance a single-roller wheel by one step; see `wheel_step`.
+    """Advance a single-roller wheel by one step, with the equations of `wheel_step`.
 
     Args:
-        state: state of the vehicle; the record of this wheel contains its load.
+        state: state of the vehicle, changed in place; the record of this wheel contains its load.
         step: quantities common to all wheels.
         i: index of the wheel.
         brake: torque that the brake can exert [N m].

@@ -47,7 +47,10 @@ _LEAST_LOAD = 10.0  # smallest load for which friction is computed [N]
 
 
 def build_vehicle(configuration: VehicleConfiguration, *others: Any, **options: Any) -> Vehicle:
-    """Return a vehicle of the class that the wheel model requires; arguments as in `Vehicle`."""
+    """Return a vehicle of the class that the wheel model requires.
+
+    The arguments are those of the constructor of `Vehicle`.
+    """
     kind = MujocoVehicle if configuration.wheel_model == "mujoco" else Vehicle
     return kind(configuration, *others, **options)
 

@@ -114,8 +114,8 @@ class Difference(NamedTuple):
         vehicle: name of the vehicle.
         trial: name of the trial.
         rollers: number of rollers of each wheel.
-        motion: difference of the motions [1], see `trials.motion_difference`.
-        force: difference of the forces [1], see `trials.force_difference`.
+        motion: difference of the mean final positions, divided by the distance from the start [1].
+        force: difference of the mean forces, as a share of `trials.Outcome.force_scale` [1].
     """
 
     vehicle: str

@@ -63,8 +63,8 @@ class Outcome:
 
     Attributes:
         time: time of the samples [s], shape (T,).
-        motion: pose and velocity of base_link in the world (columns as in `Vehicle.advance`), shape
-            (S, T, 6).
+        motion: x, y [m], yaw [rad], v_x, v_y [m/s] and yaw rate [rad/s] of base_link in the world,
+            shape (S, T, 6).
         force: mean force of all wheels on the vehicle over the trial, in the world [N],
             shape (S, 2).
         force_scale: mean magnitude of the sum of the wheel forces, or of the push if this is larger
@@ -156,7 +156,7 @@ def _center_velocity(row: FloatArray, center: FloatArray) -> FloatArray:
     """Return the velocity of the center of gravity in the world [m/s], shape (2,).
 
     Args:
-        row: pose and velocity of base_link in the world, as in `Outcome.motion`, shape (6,).
+        row: pose and velocity of base_link in the world, a row of `Outcome.motion`, shape (6,).
         center: center of gravity in the body frame [m], shape (2,).
     """
     cos, sin = math.cos(row[2]), math.sin(row[2])

@@ -82,7 +82,8 @@ def read_signals(recording: Path, wheels: Sequence[str]) -> Signals:
 
     Raises:
         BagError: the recording cannot be read.
-        ConfigurationError: see `signals_of`.
+        ConfigurationError: the messages are not those of a commissioning drive of this vehicle;
+            `signals_of` lists the reasons.
     """
     return signals_of(read_streams(open_vehicle(recording), TOPICS, TOPICS[:2]), wheels)
 
@@ -193,7 +194,7 @@ def unchecked(drive: Signals, motions: Motions) -> dict[str, str]:
 
 
 def motions_of(drive: Signals) -> Motions:
-    """Return what was measured in the three motions and the stops of a run.
+    """Return the quantities measured in the three motions, and the range of the stops, of a run.
 
     Raises:
         ConfigurationError: the run does not contain three motions without the pedal and then a

@@ -184,7 +184,7 @@ def straight_sketch(
 def any_heading_sketch(
     vehicle: VehicleConfiguration, ground: GroundConfiguration, maneuver: Maneuver
 ) -> float:
-    """Return an upper estimate of `any_heading_bound` [m]; see `straight_sketch`."""
+    """Return an upper estimate of `any_heading_bound` [m] from a few linear programs."""
     cases = _OneHeading(vehicle, ground, maneuver, sketch=True)
     return cases.distance(cases.center_speed)
 

@@ -196,7 +196,8 @@ class LimitVehicle:
         """Return a lower estimate of `strongest` [m/s^2] for a stop that may include rotation.
 
         Every wheel exerts its largest force against the direction. The loads are computed by
-        iteration, and the forces are scaled down to the friction limit, as in `_solve`.
+        iteration, and the forces are then scaled down to the friction limit. If a wheel is about to
+        lift off, the linear program is solved instead.
 
         Args:
             direction: direction of motion in the body frame, unit vector, shape (2,).

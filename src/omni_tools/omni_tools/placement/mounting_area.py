@@ -103,7 +103,7 @@ class MountingArea:
 
         Args:
             pose: x, y [m] and heading [rad] of the camera, shape (3,).
-            housing: whether to return the housing.
+            housing: True for the housing, False for the field of view.
         """
         around = 2.0 * self.housing if housing else 0.0
         return placed(rectangle(self.view.length + around, self.view.width + around), pose)

@@ -120,7 +120,8 @@ def search(
         criterion: criterion to be minimized.
         area: area in which cameras can be mounted.
         count: number of cameras.
-        redundant: whether to use the criterion after the failure of the most important camera.
+        redundant: whether to minimize the criterion after the failure of the most important camera,
+            instead of the criterion of all cameras.
         effort: effort of the search.
         seed: seed of the random initial placements.
         report: function that is called with the completed share (0 to 1) and a text.

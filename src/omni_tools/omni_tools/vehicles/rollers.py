@@ -89,7 +89,7 @@ def roller_remarks(wheels: Mapping[str, WheelMount], poor: float = 0.5) -> tuple
 
 
 def _shape(geometry: PlatformGeometry) -> str:
-    """Return the shape that the rollers on top of the wheels form, as in `Rollers.shape`."""
+    """Return `Rollers.shape`, the shape that the rollers on top of the wheels form."""
     quadrant = np.sign(geometry.position[:, 0] * geometry.position[:, 1])
     slope = geometry.active[:, 0] * geometry.active[:, 1]
     signs = (np.sign(slope) * quadrant)[(quadrant != 0.0) & (np.abs(slope) > 0.05)]

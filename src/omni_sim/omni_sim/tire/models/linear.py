@@ -65,7 +65,10 @@ def force_at(curve: LinearCurve, slip: float) -> tuple[float, float]:
 def contact(
     demand: float, damping: float, gain: float, speed: float, curve: LinearCurve, _sliding: bool
 ) -> tuple[float, float, bool]:
-    """Solve the contact equation in closed form; see `model.contact_friction`."""
+    """Solve the contact equation in closed form.
+
+    Arguments and result are those of `tire.model.contact_friction`.
+    """
     if curve.peak_force <= 0.0:
         return 0.0, demand / damping, False
     slip = demand / (damping * speed + gain * curve.slope)

@@ -264,7 +264,7 @@ def force_at(curve: CurvePoint, slip: float) -> tuple[float, float]:
 def contact(
     demand: float, damping: float, gain: float, speed: float, curve: CurvePoint, sliding: bool
 ) -> tuple[float, float, bool]:
-    """Solve the contact equation; arguments and result are those of `model.contact_friction`.
+    """Solve the contact equation; arguments and result as in `tire.model.contact_friction`.
 
     Up to the peak, the equation is a cubic in ``sigma``, the slip divided by that of the peak.
     Each iteration needs a single division, so this function is faster than `solve_contact`.
