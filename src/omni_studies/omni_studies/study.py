@@ -66,7 +66,7 @@ class StudyRun:
     def table(
         self, name: str, header: Iterable[str], rows: Iterable[Sequence[Any]], digits: int = 9
     ) -> None:
-        """Write a table to the file `name`; the others are arguments of `data_table.write_table`."""
+        """Write a table to the file `name`; all other arguments as in `data_table.write_table`."""
         self.written.append(data_table.write_table(self.folder / name, header, rows, digits))
 
     def campaign(

@@ -191,7 +191,8 @@ class TwistSolver:
     ) -> tuple[FloatArray, FloatArray]:
         """Return the weighted least-squares twist and its covariance.
 
-        The arguments are those of `solve`. The covariance includes the calibration errors only if `variance` includes them.
+        The arguments are those of `solve`. The covariance includes the calibration errors only if
+        `variance` includes them.
         """
         use = self.rows(measured)
         rows = self._matrix[use]

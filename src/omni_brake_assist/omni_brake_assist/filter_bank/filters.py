@@ -44,8 +44,8 @@ def predict(
         memory: memory of the bank, changed in place.
         dt: length of the step [s].
         force: whether the specific force is valid, and its components along x and y [m/s^2].
-        braking: whether the pedal is down. While it is up, the variances of the biases approach
-            their initial values.
+        braking: whether the pedal is down. While it is up, the variances of the constant states
+            (biases, scale, offset) approach their initial values.
     """
     product = memory.product
     for k in range(bank.FILTERS):
@@ -102,7 +102,7 @@ def correct(
     a fault by a change of these states.
 
     Args:
-        memory: memory of the bank.
+        memory: memory of the bank, changed in place.
         k: number of the filter.
         innovation: measurement minus its prediction [unit of the measurement].
         variance: variance of the measurement [square of its unit].

@@ -1,4 +1,4 @@
-"""Configuration of the simulated vehicle, see `omni_sim.vehicle.vehicle.Vehicle`."""
+"""Configuration of the simulated vehicle: wheels, masses, tires, brakes, drive and suspension."""
 
 from collections.abc import Mapping
 

@@ -194,7 +194,7 @@ def unchecked(drive: Signals, motions: Motions) -> dict[str, str]:
 
 
 def motions_of(drive: Signals) -> Motions:
-    """Return the quantities measured in the three motions, and the range of the stops, of a run.
+    """Return the quantities measured in the three motions of a run, and the rows of its stops.
 
     Raises:
         ConfigurationError: the run does not contain three motions without the pedal and then a

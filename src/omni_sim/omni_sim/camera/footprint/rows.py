@@ -143,7 +143,7 @@ def _rounding(row: int) -> int:
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def bound_rows(cover: Cover, count: int, rows: Rows) -> None:
-    """Determine in which of `count` columns each row is covered completely.
+    """Write to `rows` in which of `count` columns each row is covered completely.
 
     Row j is covered in column c if ``low + climb c <= j`` and ``j + 1 <= low + climb c + height``,
     with the fields of `cover`.
@@ -171,9 +171,9 @@ def bound_rows(cover: Cover, count: int, rows: Rows) -> None:
 
 @njit(cache=True, nogil=True)
 def list_rows(count: int, rows: Rows) -> None:
-    """List, for each class, the rows that are covered completely in any of `count` columns.
+    """Write, for each class, the rows that are covered completely in any of `count` columns.
 
-    The lists are padded with an empty row to a multiple of the group size.
+    The lists, `rows.listed`, are padded with an empty row to a multiple of the group size.
     """
     classes, starts, ends, listed = rows.classes, rows.starts, rows.ends, rows.listed
     list_0, list_1, list_2, list_3 = listed[0], listed[1], listed[2], listed[3]
