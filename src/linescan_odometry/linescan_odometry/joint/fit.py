@@ -148,14 +148,15 @@ def assess(lines: Floats, here: Expansion) -> Fit:
 def _variance(errors: Doubles, share: Doubles) -> float:
     """Return the variance of the sum of the errors of all segments [px^2].
 
-    It is infinite if the coherent energy is concentrated in effectively two segments or fewer.
+    It is infinite if the coherent energy is 0, or is concentrated in effectively two segments or
+    fewer.
 
     Args:
         errors: contribution of each segment to the error [px], shape (p,).
         share: share of each segment in the coherent energy [1], shape (p,).
     """
     concentration = (share * share).sum()  # inverse of the effective number of segments
-    if concentration >= 0.5:
+    if not 0.0 < concentration < 0.5:
         return math.inf
     # The error of the whole reduces each deviation by the segment's share (MacKinnon, White 1985).
     own = (errors - share * errors.sum()) / (1.0 - share)
