@@ -1,4 +1,4 @@
-"""CPU time of compiling every kernel, starting with an empty cache, by module.
+"""Measure the CPU time of compiling every kernel, starting with an empty cache, by module.
 
 The kernels that a kernel calls are compiled before it, so their compilation does not count as its
 time. If LLVM inlines their code, however, the optimization of the inlined code counts. Run with

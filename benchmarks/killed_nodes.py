@@ -111,7 +111,7 @@ def started(folder: Path, *words: str, stderr: int | None = None) -> subprocess.
 
 
 def undisturbed(folder: Path, *words: str) -> tuple[float, float]:
-    """Run `EXPERIMENT` to its end; return distance [m] and rotation [deg], see `stop_of`."""
+    """Run `EXPERIMENT` to its end; return distance [m] and rotation [deg] of its stop."""
     if started(folder, *words).wait() != 0:
         raise RuntimeError(f"the undisturbed run {folder} failed")
     return stop_of(folder / "assisted")

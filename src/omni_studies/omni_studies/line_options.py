@@ -22,7 +22,7 @@ def kinds_option(*kinds: str) -> Any:
 
 def pairs_option(pairs: int, fewest: int = 1) -> Any:
     """Declare the option for the number of consecutive line pairs."""
-    words = "consecutive line pairs, over which each value is averaged"
+    words = "number of consecutive line pairs over which each value is averaged"
     return parameter(pairs, description=words, minimum=fewest, maximum=10_000)
 
 
@@ -59,7 +59,7 @@ def grounds_option(*grounds: str, prefix: str = "") -> Any:
 
 def runs_option(runs: int, run: str = ", with ten line pairs each") -> Any:
     """Declare the option for the number of random positions; `run` is added to the help text."""
-    return parameter(runs, description=f"random positions{run}", minimum=1, maximum=1000)
+    return parameter(runs, description=f"number of random positions{run}", minimum=1, maximum=1000)
 
 
 class TextureOptions(Configuration):

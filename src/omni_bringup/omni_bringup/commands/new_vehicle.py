@@ -48,8 +48,9 @@ class Options(CommandOptions):
     drive_power: float | None = option(None, unit="W")
     """maximum power with which a drive brakes its wheel (default: no limit)"""
     brakes: str | None = option(None, choices=tuple(TYPICAL))
-    """kind of brakes: `on_off` for valves (default), `spring` for spring-applied brakes,
-    `proportional`, or `torque` or `velocity` for drives with such a command"""
+    """kind of brakes: `on_off` for on-off valves (default), `spring` for spring-applied brakes,
+    `proportional` for proportional brakes, `torque` or `velocity` for drives with a torque or a
+    velocity command"""
     out: Path | None = option(None, metavar="DIR")
     """new folder for the files (default: NAME)"""
 

@@ -48,11 +48,14 @@ _OF_TIME_OVER = ("asphalt", "concrete", "gravel", "grass", "brick")
 class Options(CampaignOptions):
     """Options of the study ``integrity``: grounds, faults, number of batches, method and seed."""
 
-    grounds: str = parameter("", description=f"some of {', '.join(GROUNDS)}; empty for all")
+    grounds: str = parameter(
+        "", description=f"grounds, separated by commas, out of {', '.join(GROUNDS)}; empty for all"
+    )
     faults: str = parameter(
         "",
-        description=f"some of {', '.join(trials.FAULTS)}; empty for all, except that wood has no "
-        "fault and that faults of stamps and lost lines are computed on a few grounds only",
+        description=f"faults, separated by commas, out of {', '.join(trials.FAULTS)}; empty for "
+        "all, except that lines over wood get no fault, and lines over only a few grounds get "
+        "faults of stamps and lost lines",
     )
     batches: int = parameter(
         16,

@@ -36,8 +36,9 @@ class Measured(Configuration):
     drive_power: float = parameter(0.0, unit="W", minimum=0.0, maximum=1.0e7)
     """maximum power with which a drive brakes its wheel; 0 for no limit"""
     brakes: str = parameter(ON_OFF, choices=tuple(TYPICAL))
-    """kind of brakes: `on_off` for pressure by on-off valves, `spring` for spring-applied brakes,
-    `proportional`, or `torque` or `velocity` for drives with such a command"""
+    """kind of brakes: `on_off` for on-off valves, `spring` for spring-applied brakes,
+    `proportional` for proportional brakes, `torque` or `velocity` for drives with a torque or a
+    velocity command"""
 
     def check_consistency(self) -> None:
         """Check that the wheels fit on the chassis and that their number is valid."""
