@@ -56,7 +56,8 @@ class TopicsConfiguration(Configuration):
     the topic pedal_input; `twist` or `twist_stamped` for the topic cmd_vel, where a zero command
     brakes. Except with `joint_state`, this node publishes the demand on brake/pedal"""
     estop: bool = parameter(False)
-    """Whether Bool messages on estop are required; true requests full braking"""
+    """Whether Bool messages on the topic estop are required; a message with the value true requests
+    full braking"""
     pedal_timeout: float = parameter(0.1, unit="s", above=0.0, maximum=2.0)
     """Time without a demand, or without an emergency-stop message, that counts as full braking"""
     period: float = parameter(0.01, unit="s", minimum=0.001, maximum=0.05)

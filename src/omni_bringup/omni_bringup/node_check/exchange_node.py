@@ -80,7 +80,7 @@ class Received:
         messages: time of publication on the publisher's clock [ns] and message, in the order of
             arrival.
         publishers: whether each publisher is reliable, one entry for each.
-        silent: whether publishers are left but no message arrived lately.
+        silent: whether publishers still exist, although no message has arrived recently.
     """
 
     messages: list[tuple[int, Any]]
