@@ -86,7 +86,7 @@ def call_law(
 ) -> tuple[int, str]:
     """Call a user's law, and return its result and an error message.
 
-    The result is one of the constants above, such as ASSIST. The message is empty unless the result
+    The result is a constant of this module, such as ASSIST. The message is empty unless the result
     is FAILED. If the law may release brakes (`enabled`), this function also prints the first error
     to standard error, with the lines of the law's file at which the error occurred.
     """

@@ -95,7 +95,7 @@ class Nodes:
         """Return the process of the odometry node.
 
         Args:
-            listeners: number of subscribers for which the node waits; 0 for as many as in a run.
+            listeners: number of subscribers for which the node waits; 0 for the number in a run.
         """
         listeners = listeners or _RECORDER + 1 + self.configuration.uses_lines
         parameters = _flat(self.configuration.odometry) | self._timing() | _listeners(listeners)
