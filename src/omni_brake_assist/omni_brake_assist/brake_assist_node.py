@@ -26,14 +26,13 @@ from omni_brake_assist.messages import (
     imu_reading_of,
     pedal_of,
     twist_of,
-    upwards_problem,
     wheel_speeds_of,
 )
 from omni_brake_assist.sources import Source, summary
 from omni_brake_assist.step_pairing import Sample, StepPairing
 from omni_platform import topics
 from omni_platform.configuration import Configuration, ConfigurationError, parameter
-from omni_platform.signals import PedalSample, TwistSample
+from omni_platform.signals import PedalSample, TwistSample, upwards_problem
 from omni_ros.messages import joint_state
 from omni_ros.parameters import declare_configuration
 from omni_ros.process import Spinner, run_process, spin_until_stopped

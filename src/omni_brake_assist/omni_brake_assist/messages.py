@@ -11,9 +11,6 @@ from omni_platform import topics
 from omni_platform.signals import ImuSample, PedalSample, TwistSample, WheelSample
 from omni_ros.messages import joint_state, planar_twist_of, to_nanoseconds
 
-_GRAVITY = 9.81  # specific force of an IMU at rest [m/s^2]
-_UPWARDS_TOLERANCE = 2.0  # allows for slopes and a scale error, but not for another unit [m/s^2]
-
 
 def pedal_of(message: Any) -> PedalSample:
     """Return the pedal position in a `JointState`; NaN (full braking) if it is missing."""
@@ -47,16 +44,6 @@ def imu_reading_of(message: Any) -> ImuSample:
         to_nanoseconds(message.header.stamp),
         float(message.angular_velocity.z),
         np.array([force.x, force.y]),
-    )
-
-
-def upwards_problem(upwards: float) -> str:
-    """Return a warning if the mean upward specific force [m/s^2] is far from 1 g; else empty."""
-    if abs(upwards - _GRAVITY) <= _UPWARDS_TOLERANCE:
-        return ""
-    return (
-        f"imu: specific force upwards {upwards:.2f}, must be {_GRAVITY:g} m/s^2 (REP 145): check "
-        "unit and axes"
     )
 
 

@@ -20,6 +20,9 @@ VALID, MISSING, INVALID = range(3)
 UNMEASURED_VARIANCE = 1e6
 """A component with at least this variance counts as not measured [square of its unit]."""
 
+_GRAVITY = 9.81  # specific force of an IMU at rest [m/s^2]
+_UPWARDS_TOLERANCE = 2.0  # allows for slopes and a scale error, but not for another unit [m/s^2]
+
 
 class PedalSample(NamedTuple):
     """Position of the brake pedal.
@@ -133,3 +136,13 @@ class LineBatch:
                 "lines must be an array of uint8 or uint16 with one row per line, "
                 f"not of {self.lines.dtype} with shape {self.lines.shape}"
             )
+
+
+def upwards_problem(upwards: float) -> str:
+    """Return a warning if the mean upward specific force [m/s^2] is far from 1 g; else empty."""
+    if abs(upwards - _GRAVITY) <= _UPWARDS_TOLERANCE:
+        return ""
+    return (
+        f"imu: specific force upwards {upwards:.2f}, must be {_GRAVITY:g} m/s^2 (REP 145): check "
+        "unit and axes"
+    )

@@ -8,13 +8,13 @@ from typing import Any
 
 import numpy as np
 
-from omni_brake_assist.messages import upwards_problem
 from omni_bringup.node_check.exchange_node import Answer, Exchange, Received
 from omni_loop.experiment import ExperimentConfiguration
 from omni_loop.recorded_run import ordered, read_streams
 from omni_platform import topics
 from omni_platform.kinematics import PlatformKinematics
 from omni_platform.quantities import SECOND_NS
+from omni_platform.signals import upwards_problem
 from omni_recording.folder import open_vehicle
 from omni_ros.messages import planar_twist_of, to_nanoseconds
 

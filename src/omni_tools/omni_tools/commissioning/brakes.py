@@ -208,21 +208,40 @@ def exchanged(response: Response) -> tuple[int, int] | None:
     subtracted from both before, because the pedal acts on all brakes at once. Of all exchanges of
     two brakes, the result increases the sum of the correlations most. No brake may then be idle.
     """
-    torque, late = _without_mean(response.measured(), response.moving), _late(response)
-    braking = np.flatnonzero(response.braking & np.any(response.moving, axis=1, keepdims=True))
-
-    def score(assumed: Response) -> float:
-        """Return the sum over all wheels of the correlation of measured and predicted torques."""
-        predicted = _without_mean(assumed.predicted(), response.moving)
-        return float(np.trace(_correlation(torque[braking], _earlier(predicted, braking, late))))
-
-    pairs = itertools.combinations(range(torque.shape[1]), 2)
-    scores = {pair: score(response.exchanged(*pair)) for pair in pairs}
-    best, described = max(scores, key=lambda pair: scores[pair]), score(response)
+    late = _late(response)
+    pairs = itertools.combinations(range(response.torque.shape[1]), 2)
+    scores = {pair: _agreement(response.exchanged(*pair), late) for pair in pairs}
+    best, described = max(scores, key=lambda pair: scores[pair]), _agreement(response, late)
     if scores[best] <= max(described, 0.0) + _ALLOWED.gain:
         return None
     # A brake that has no effect even after the exchange is idle, not exchanged.
     return best if idle(response.exchanged(*best)) is None else None
+
+
+def _agreement(response: Response, late: int) -> float:
+    """Return the sum over all wheels of the correlation of measured and predicted torques.
+
+    `late` is the result of `_late`.
+    """
+    measured, predicted = (
+        _without_mean(values, response.moving)
+        for values in (response.measured(), response.predicted())
+    )
+    braking = np.flatnonzero(response.braking & np.any(response.moving, axis=1, keepdims=True))
+    return float(np.trace(_correlation(measured[braking], _earlier(predicted, braking, late))))
+
+
+def inverted(response: Response, inverse: Response) -> bool:
+    """Return whether the inverse enables agree better with the brakes than any order of enables.
+
+    Args:
+        response: response of the wheels to the enables.
+        inverse: response of the wheels to 1 minus the enables.
+    """
+    described, opposite = (_agreement(one, _late(one)) for one in (response, inverse))
+    pairs = itertools.combinations(range(response.torque.shape[1]), 2)
+    best = max(_agreement(response.exchanged(*pair), _late(response)) for pair in pairs)
+    return opposite > max(best, max(described, 0.0) + _ALLOWED.gain)
 
 
 def undistinguished(response: Response) -> list[tuple[int, int]]:

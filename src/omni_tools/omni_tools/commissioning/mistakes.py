@@ -9,16 +9,17 @@ they should follow.
 """
 
 import dataclasses
-import itertools
 import math
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
+from scipy.optimize import linear_sum_assignment
 
 from omni_platform import configuration, kinematics, topics
 from omni_platform.geometry import WheelMount
 from omni_platform.quantities import FloatArray
+from omni_platform.signals import upwards_problem
 from omni_sim.vehicle.configuration import VehicleConfiguration
 from omni_tools.commissioning import brakes
 from omni_tools.commissioning.signals import Motions, Signals, unchecked
@@ -33,7 +34,10 @@ class Tolerances(NamedTuple):
         heading: limit on the error of a twist sensor's mounting angle [rad].
         scale: limit on the relative error of the scale of twist sensor and gyro [1].
         offset: limit on the error of a twist sensor's position [m].
-        force: minimum specific force for a test of an IMU's axes [m/s^2].
+        force: minimum acceleration for a test of an IMU's axes [m/s^2].
+        force_heading: limit on the error of an IMU's mounting angle by this acceleration [rad].
+        radius: ratio of wheel speeds from which the encoder, and not the radius, is wrong; a
+            diameter in place of a radius gives 2 [1].
     """
 
     misfit: float = 0.06
@@ -41,6 +45,8 @@ class Tolerances(NamedTuple):
     scale: float = 0.05
     offset: float = 0.03
     force: float = 0.05
+    force_heading: float = math.radians(20.0)
+    radius: float = 2.5
 
 
 _ALLOWED = Tolerances()
@@ -82,12 +88,11 @@ def find_mistakes(
         vehicle: brakes, inertia and loads of the wheels as described in the vehicle's file.
     """
     known = np.diag([distance, distance, angle])
-    wheel = _wheel_mistake(wheels, motions.angle, known)
-    found = [] if wheel is None else [wheel]
+    found = _wheel_mistakes(wheels, motions.angle, known)
     found += _twist_mistakes(motions.twist, known)
     # The slip is computed from wheel speeds and twists, so brakes are checked last.
     slips = not found and topics.TWIST.name not in unchecked(signals, motions)
-    found += _imu_mistakes(motions, angle)
+    found += _imu_mistakes(signals.upwards, motions, angle)
     if slips:
         found += _brake_mistakes(wheels, signals, motions, vehicle)
     return found
@@ -115,53 +120,113 @@ def _predicted(wheels: Mapping[str, WheelMount], known: FloatArray) -> FloatArra
     return kinematics.PlatformKinematics.of(wheels).wheel_speeds(known)
 
 
-def _misfit(angle: FloatArray, predicted: FloatArray) -> float:
-    """Return the largest relative error of the angles of a wheel over all motions [1].
+def _misfit(wheels: Mapping[str, WheelMount], angle: FloatArray, known: FloatArray) -> FloatArray:
+    """Return the error of each wheel's angles relative to the predicted ones [1], shape (N,).
+
+    It is infinite for wheels that no vehicle can have.
 
     Args:
+        wheels: wheels that predict the angles.
         angle: measured angle of each wheel in each motion [rad], shape (3, N).
-        predicted: predicted angles [rad], shape (3, N).
+        known: motions as in `_predicted`.
     """
+    try:
+        predicted = _predicted(wheels, known)
+    except configuration.ConfigurationError:
+        return np.full(len(wheels), math.inf)
     error = np.linalg.norm(angle - predicted, axis=0)
-    return float(np.max(error / np.maximum(np.linalg.norm(predicted, axis=0), 1e-9)))
+    return np.asarray(error / np.maximum(np.linalg.norm(predicted, axis=0), 1e-9))
 
 
-def _wheel_mistake(
+def _wheel_mistakes(
     wheels: Mapping[str, WheelMount], angle: FloatArray, known: FloatArray
-) -> Mistake | None:
-    if _misfit(angle, _predicted(wheels, known)) < _ALLOWED.misfit:
-        return None
-    candidates = []
-    for mistake in _hypotheses(wheels, angle, known):
-        try:
-            misfit = _misfit(angle, _predicted(mistake.wheels or wheels, known))
-        except configuration.ConfigurationError:  # no valid vehicle
-            continue
-        candidates.append((misfit, mistake))
-    misfit, best = min(candidates, key=lambda candidate: candidate[0])
+) -> list[Mistake]:
+    """Return the errors of encoders, then a single error of the wheels, or else one of each wheel.
+
+    Args:
+        wheels: wheels as described in the vehicle's file.
+        angle: measured angles as in `_misfit`.
+        known: motions as in `_predicted`.
+    """
+    names, predicted = [f"wheel {name}" for name in wheels], _predicted(wheels, known)
+    # In a straight motion, position and signs do not change the sum of squares of the speeds.
+    lengths = (np.linalg.norm(values[:2], axis=0) for values in (angle, predicted))
+    ratio = np.divide(*lengths)
+    wrong = np.abs(np.log(np.maximum(ratio, 1e-9))) > math.log(_ALLOWED.radius)
+    if np.all(wrong):
+        names, ratio = ["all wheels"], np.full(len(wheels), np.median(ratio))
+    found = [
+        Mistake(
+            f"speed of {name} is {ratio[row]:.3g} times the expected one",
+            "check unit (rad/s), counts per revolution and gear ratio of the encoder",
+        )
+        for row, name in enumerate(names)
+        if wrong[row]
+    ]
+    angle = angle / np.where(wrong, np.maximum(ratio, 1e-9), 1.0)
+    if np.max(_misfit(wheels, angle, known)) < _ALLOWED.misfit:
+        return found
+    fits = [
+        (float(np.max(_misfit(mistake.wheels or wheels, angle, known))), mistake)
+        for mistake in _hypotheses(wheels, angle, known)
+    ]
+    misfit, best = min(fits, key=lambda fit: fit[0])
     if misfit < _ALLOWED.misfit:
-        return best
-    return Mistake(
-        "wheels: no single mistake explains the wheel angles",
+        return [*found, best]
+    unexplained = Mistake(
+        "wheels: no single mistake of each wheel explains the wheel angles",
         "check distances and directions of the motions; then check each wheel on blocks",
     )
+    return found or _several(wheels, angle, known) or [unexplained]
+
+
+def _several(
+    wheels: Mapping[str, WheelMount], angle: FloatArray, known: FloatArray
+) -> list[Mistake]:
+    """Return an error for each wheel that has one; nothing if they do not explain all angles."""
+    described = dict(wheels)
+    found: list[tuple[str, str]] = []
+    scale = _scale(wheels, angle, known)
+    for row in np.flatnonzero(_misfit(wheels, angle, known) >= _ALLOWED.misfit):
+        name = list(wheels)[row]
+        fits = [
+            (float(_misfit({**wheels, name: changed}, angle, known)[row]), part, remedy, changed)
+            for part, remedy, changed in _changes(wheels[name], float(scale[row]))
+        ]
+        _, part, remedy, described[name] = min(fits, key=lambda fit: fit[0])
+        found.append((f"{part} of wheel {name} is wrong", remedy))
+    if np.max(_misfit(described, angle, known)) >= _ALLOWED.misfit:
+        return []
+    return [Mistake(*words, described) for words in found]
+
+
+def _scale(wheels: Mapping[str, WheelMount], angle: FloatArray, known: FloatArray) -> FloatArray:
+    """Return the ratio of the measured to the predicted angles of each wheel [1], shape (N,)."""
+    predicted = _predicted(wheels, known)
+    return np.asarray(np.sum(angle * predicted, axis=0) / np.sum(predicted**2, axis=0))
 
 
 def _hypotheses(
     wheels: Mapping[str, WheelMount], angle: FloatArray, known: FloatArray
 ) -> Iterator[Mistake]:
-    for one, other in itertools.combinations(wheels, 2):
-        swapped = {**wheels, one: wheels[other], other: wheels[one]}
-        yield Mistake(
-            f"wheels {one} and {other} are exchanged", "exchange their encoders or names", swapped
-        )
+    names, mounts = list(wheels), list(wheels.values())
     predicted = _predicted(wheels, known)
-    scale = np.sum(angle * predicted, axis=0) / np.sum(predicted**2, axis=0)
+    # Relative error if the speeds of wheel j are those of wheel i; a wheel keeps its place unless
+    # another place fits better by more than the tolerance.
+    length = np.maximum(np.linalg.norm(predicted, axis=0), 1e-9)
+    error = np.linalg.norm(angle[:, np.newaxis] - predicted[:, :, np.newaxis], axis=0)
+    cost = error / length[:, np.newaxis] + _ALLOWED.misfit * ~np.eye(len(names), dtype=np.bool_)
+    of_place, of_speed = linear_sum_assignment(cost)
+    places = dict(zip(of_speed, of_place, strict=True))
+    moved = " and ".join(name for row, name in enumerate(names) if places[row] != row)
+    order = {name: mounts[places[row]] for row, name in enumerate(names)}
+    yield Mistake(f"wheels {moved} are exchanged", "exchange their encoders or names", order)
+    scale = _scale(wheels, angle, known)
     for row, (name, mount) in enumerate(wheels.items()):
         for part, remedy, changed in _changes(mount, float(scale[row])):
             yield Mistake(f"{part} of wheel {name} is wrong", remedy, {**wheels, name: changed})
     common = float(np.median(scale))
-    for of_all in zip(*(_changes(mount, common) for mount in wheels.values()), strict=True):
+    for of_all in zip(*(_changes(mount, common) for mount in mounts), strict=True):
         part, remedy, _ = of_all[0]
         described = dict(zip(wheels, (changed for _, _, changed in of_all), strict=True))
         yield Mistake(f"{part} of all wheels is wrong", f"{remedy}, for every wheel", described)
@@ -175,7 +240,7 @@ def _changes(mount: WheelMount, scale: float) -> Iterator[tuple[str, str, WheelM
         scale: ratio of the measured to the predicted angle of the wheel [1].
     """
     turned = (mount.heading_deg + 360.0) % 360.0 - 180.0
-    radius = min(mount.radius / max(scale, 0.1), 10.0)  # limit on a valid radius
+    radius = float(np.clip(mount.radius / max(scale, 0.1), 1e-3, 10.0))  # valid radii
     other_radius = f"set radius to {radius:.4f}, or check counts and unit of the encoder"
     for part, remedy, changed in (
         ("direction", "negate the speed, or turn heading_deg by 180", {"heading_deg": turned}),
@@ -192,18 +257,10 @@ def _twist_mistakes(twist: FloatArray, known: FloatArray) -> Iterator[Mistake]:
         return
     forward, left, turn = twist
     distance, angle = known[0, 0], known[2, 2]
-    heading = math.atan2(forward[1], forward[0])
-    across = math.atan2(-left[0], left[1])
-    difference = math.remainder(across - heading, math.tau)
-    if abs(difference) > math.pi / 2:
-        axis = "y" if abs(heading) < math.pi / 2 else "x"
-        yield Mistake(f"twist sensor: {axis} has the wrong sign", f"negate v_{axis}")
+    mounting = [*_mounting_mistakes("twist sensor", forward, left, _ALLOWED.heading)]
+    yield from mounting
+    if any("off" not in one.name for one in mounting):
         return
-    mean = heading + 0.5 * difference
-    if abs(mean) > _ALLOWED.heading:
-        degrees = 180 - round(180.0 - math.degrees(mean)) % 360  # 180 instead of -180
-        remedy = "subtract this angle from heading_deg of its sensors"
-        yield Mistake(f"twist sensor: mounted {degrees} deg off", remedy)
     remedies = "negate the yaw rate", "check unit and lever of its sensors"
     yield from _scale_mistakes("twist sensor: yaw rate", *remedies, turn[2] / angle)
     scale = 0.5 * (math.hypot(*forward[:2]) + math.hypot(*left[:2])) / distance
@@ -211,7 +268,7 @@ def _twist_mistakes(twist: FloatArray, known: FloatArray) -> Iterator[Mistake]:
     yield from _scale_mistakes("twist sensor: speed", "", remedy, scale)
     # When the vehicle turns by an angle, a sensor at (x, y) moves by (-y, x) times the angle.
     x, y = turn[1] / angle, -turn[0] / angle
-    if math.hypot(x, y) > _ALLOWED.offset and abs(mean) <= _ALLOWED.heading:
+    if math.hypot(x, y) > _ALLOWED.offset and not mounting:
         yield Mistake(
             f"twist sensor: measures at ({x:.2f}, {y:.2f}) m instead of the center",
             "enter this position for its sensors",
@@ -233,21 +290,47 @@ def _scale_mistakes(quantity: str, of_sign: str, of_scale: str, scale: float) ->
         yield Mistake(f"{quantity} is {scale:.3f} times the true one", of_scale)
 
 
-def _imu_mistakes(motions: Motions, angle: float) -> Iterator[Mistake]:
+def _mounting_mistakes(
+    sensor: str, forward: FloatArray, left: FloatArray, tolerance: float
+) -> Iterator[Mistake]:
+    """Yield the error of a sensor's axes.
+
+    Args:
+        sensor: name of the sensor.
+        forward: vector that the sensor measures where the true one points forward, shape (2,) or
+            more.
+        left: the same for a vector to the left.
+        tolerance: limit on the error of the mounting angle [rad].
+    """
+    heading = math.atan2(forward[1], forward[0])
+    across = math.atan2(-left[0], left[1])
+    difference = math.remainder(across - heading, math.tau)
+    mean = heading + 0.5 * difference
+    if abs(difference) > math.pi / 2:
+        if abs(forward[1]) > abs(forward[0]):
+            yield Mistake(f"{sensor}: x and y are exchanged", "exchange them, and check the signs")
+        else:
+            axis = "y" if forward[0] > 0.0 else "x"
+            yield Mistake(f"{sensor}: {axis} has the wrong sign", f"negate its {axis}")
+    elif abs(mean) > tolerance:
+        degrees = 180 - round(180.0 - math.degrees(mean)) % 360  # 180 instead of -180
+        yield Mistake(
+            f"{sensor}: mounted {degrees} deg off", "subtract this angle from its heading"
+        )
+
+
+def _imu_mistakes(upwards: float, motions: Motions, angle: float) -> Iterator[Mistake]:
+    problem = "" if math.isnan(upwards) else upwards_problem(upwards)
+    if problem:
+        name, _, remedy = problem.rpartition(": ")
+        yield Mistake(name, remedy)
     turned = float(motions.gyro[2])
     if np.isfinite(turned):
-        remedies = "negate it, or mount it upright", "check its unit (rad/s) and scale"
+        remedies = "negate it, or mount it upright", "check its unit (rad/s), axes and scale"
         yield from _scale_mistakes("gyro: yaw rate", *remedies, turned / angle)
-    force = motions.force[:2]
-    if not np.all(np.isfinite(force)) or np.max(np.abs(force), axis=1).min() < _ALLOWED.force:
-        return
-    along, across = np.diag(force), np.diag(force[:, ::-1])
-    if np.all(np.abs(along) > np.abs(across)):
-        for axis, value in zip("xy", along, strict=True):
-            if value < 0.0:
-                yield Mistake(f"accelerometer: {axis} has the wrong sign", f"negate its {axis}")
-    elif np.all(np.abs(along) < np.abs(across)):
-        yield Mistake("accelerometer: x and y are exchanged", "exchange them, or turn it by 90 deg")
+    forward, left = force = motions.force[:2]
+    if np.all(np.isfinite(force)) and np.max(np.abs(force), axis=1).min() >= _ALLOWED.force:
+        yield from _mounting_mistakes("accelerometer", forward, left, _ALLOWED.force_heading)
 
 
 def _brake_mistakes(
@@ -258,7 +341,11 @@ def _brake_mistakes(
 ) -> Iterator[Mistake]:
     names, response = list(wheels), brakes.response_of(wheels, signals, motions, vehicle)
     pair, idle = brakes.exchanged(response), brakes.idle(response)
-    if pair is not None:
+    opposite = signals._replace(enable=1.0 - signals.enable)
+    if brakes.inverted(response, brakes.response_of(wheels, opposite, motions, vehicle)):
+        remedy = "1 must pass the demand and 0 release the brake: invert the outputs"
+        yield Mistake("brakes: the enables act inversely", remedy)
+    elif pair is not None:
         one, other = (names[row] for row in pair)
         yield Mistake(f"brakes {one} and {other} are exchanged", "exchange their outputs")
     elif idle is not None:

@@ -39,6 +39,7 @@ class Signals(NamedTuple):
         imu: yaw rate [rad/s] and specific force [m/s^2], shape (T, 3).
         pedal: braking demand [1], shape (T,).
         enable: brake enables [1], shape (T, N).
+        upwards: median specific force of the IMU along z [m/s^2]; NaN without an IMU.
     """
 
     time: quantities.FloatArray
@@ -47,6 +48,7 @@ class Signals(NamedTuple):
     imu: quantities.FloatArray
     pedal: quantities.FloatArray
     enable: quantities.FloatArray
+    upwards: float = math.nan
 
     @property
     def period(self) -> float:
@@ -61,7 +63,8 @@ class Motions(NamedTuple):
         angle: angle by which each wheel turned [rad], shape (3, N).
         twist: integral of the measured twist [m, m, rad], shape (3, 3).
         gyro: integral of the gyro's yaw rate [rad], shape (3,).
-        force: specific force along x and y at the start of each motion [m/s^2], shape (3, 2).
+        force: acceleration along x and y at the start of each motion by the IMU [m/s^2], shape
+            (3, 2).
         stop: range of the rows with all stops, from the start of the fourth motion to the last time
             at rest.
     """
@@ -133,6 +136,7 @@ def signals_of(
         (message.angular_velocity.z, message.linear_acceleration.x, message.linear_acceleration.y)
         for message in streams[_IMU].messages
     ]
+    upwards = [message.linear_acceleration.z for message in streams[_IMU].messages]
     pedal = sampled(_PEDAL, [demand(m) for m in streams[_PEDAL].messages], 1)[:, 0]
     if not np.all(np.isnan(pedal) | ((pedal >= 0.0) & (pedal <= 1.0))):
         raise configuration.ConfigurationError(
@@ -146,6 +150,7 @@ def signals_of(
         imu=sampled(_IMU, imu, 3),
         pedal=pedal,
         enable=sampled(_ENABLE, _by_wheel(streams[_ENABLE], "effort", wheels), len(wheels)),
+        upwards=float(np.median(upwards or math.nan)),
     )
 
 
@@ -224,7 +229,13 @@ def motions_of(drive: Signals) -> Motions:
         angle=np.array([_integral(drive.wheel_speed[row], dt) for row in rows]),
         twist=np.array([_integral(drive.twist[row], dt) for row in rows]),
         gyro=np.array([_integral(drive.imu[row, :1], dt)[0] for row in rows]),
-        force=np.array([np.mean(drive.imu[row, 1:], axis=0) for row in begun]),
+        # From rest to rest, the mean is the error by a tilt or an offset of the accelerometer.
+        force=np.array(
+            [
+                np.mean(drive.imu[start, 1:], axis=0) - np.mean(drive.imu[row, 1:], axis=0)
+                for start, row in zip(begun, rows, strict=True)
+            ]
+        ),
         stop=slice(found[-1].start, last),
     )
 

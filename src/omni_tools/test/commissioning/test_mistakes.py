@@ -71,8 +71,16 @@ def delayed_by_60_ms(wheels: Wheels, signals: Signals) -> tuple[Wheels, Signals]
     return wheels, signals._replace(pedal=pedal, enable=enable)
 
 
+def turned_force(angle: float) -> Callable[[np.ndarray], np.ndarray]:
+    return lambda imu: turned(angle)(imu[:, [1, 2, 0]])[:, [2, 0, 1]]
+
+
+def on_its_side(wheels: Wheels, signals: Signals) -> tuple[Wheels, Signals]:
+    return wheels, signals._replace(upwards=0.0)
+
+
 def mistakes() -> Iterator[tuple[str, Change]]:
-    """Yield 47 errors: part of the expected name of the mistake, and the change that causes it."""
+    """Yield 57 errors: part of the expected name of the mistake, and the change that causes it."""
     for one, other in itertools.combinations(range(4), 2):
         words = f"wheels {FORKLIFT[one]} and {FORKLIFT[other]} are exchanged"
         yield words, of_signal("wheel_speed", exchanged(one, other))
@@ -104,7 +112,19 @@ def mistakes() -> Iterator[tuple[str, Change]]:
     for one, other in itertools.combinations(range(4), 2):
         words = f"brakes {FORKLIFT[one]} and {FORKLIFT[other]} are exchanged"
         yield words, of_signal("enable", exchanged(one, other))
+    yield "the enables act inversely", of_signal("enable", lambda enable: 1.0 - enable)
     yield "dead time is about", delayed_by_60_ms
+    for unit, shown in ((math.degrees(1), "5"), (30 / math.pi, "9"), (652.0, "6"), (0.05, "0.05")):
+        of_unit = of_signal("wheel_speed", scaled(unit, unit, unit, unit))
+        yield f"speed of all wheels is {shown}", of_unit
+    yield "speed of wheel rear_left is 6", of_signal("wheel_speed", scaled(64, 1, 1, 1))
+    yield "speed of wheel rear_left is 0 times", of_signal("wheel_speed", scaled(0, 1, 1, 1))
+    yield (
+        "wheels rear_left and front_left and rear_right are exchanged",
+        of_signal("wheel_speed", lambda speed: speed[:, [1, 3, 2, 0]]),
+    )
+    yield "accelerometer: mounted 4", of_signal("imu", turned_force(math.radians(45.0)))
+    yield "imu: specific force upwards 0.00", on_its_side
 
 
 MISTAKES = dict(mistakes())
@@ -119,6 +139,45 @@ def test_a_single_mistake_is_named(
     names = found(wheels, signals, known)
     assert any(words in name for name in names), names
     assert len(names) == 1, names
+
+
+@pytest.mark.parametrize(
+    ("changes", "names"),
+    [
+        (
+            ["direction of wheel rear_left", "direction of wheel front_left"],
+            ["direction of wheel rear_left is wrong", "direction of wheel front_left is wrong"],
+        ),
+        (
+            ["roller of wheel front_right", "x of wheel rear_left"],
+            ["x of wheel rear_left is wrong", "roller of wheel front_right is wrong"],
+        ),
+        (
+            ["speed of all wheels is 5", "direction of all wheels"],
+            ["speed of all wheels is 5", "direction of all wheels is wrong"],
+        ),
+    ],
+)
+def test_errors_of_several_wheels_are_all_named_and_corrected(
+    changes: list[str],
+    names: list[str],
+    forklift: tuple[Wheels, Signals, tuple[float, float]],
+) -> None:
+    wheels, signals, known = forklift
+    for words in changes:
+        wheels, signals = MISTAKES[words](wheels, signals)
+    mistakes = mistakes_in(wheels, signals, known, described())
+    assert all(one.name.startswith(words) for one, words in zip(mistakes, names, strict=True))
+    if "speed" not in names[0]:  # the encoders are not in the file
+        again = found(dict(mistakes[-1].wheels or {}), signals, known)
+        assert again == []
+
+
+def test_a_tilted_accelerometer_has_no_wrong_axes(
+    forklift: tuple[Wheels, Signals, tuple[float, float]],
+) -> None:
+    wheels, signals, known = forklift
+    assert found(wheels, signals._replace(imu=signals.imu + np.array([0.0, 1.7, 0.0])), known) == []
 
 
 def test_gaps_of_twist_and_enables_hide_no_exchange(
