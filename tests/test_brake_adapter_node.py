@@ -47,6 +47,7 @@ class Controllers(Bystander):
         self.problems: list[str] = []
         self.enables: tuple[float, ...] | None = (1.0, 1.0)
         self.names: tuple[str, ...] = WHEELS
+        self.driven = [3.0, -3.0]
         self.joint_names = (*JOINTS, "arm_joint")
         self.speed, self.commanded, self.pressed = (5.0, -5.0), 0.5, False
         self.node.create_timer(0.01, self._step)
@@ -64,7 +65,7 @@ class Controllers(Bystander):
         speed = np.array([*self.speed, 9.0])[order]
         names = [self.joint_names[row] for row in order]
         self.joints.publish(joint_state(now_ns, names, position=np.zeros(3), velocity=speed))
-        self.drive.publish(Float64MultiArray(data=[3.0, -3.0]))
+        self.drive.publish(Float64MultiArray(data=self.driven))
         message = Twist()
         message.linear.x = self.commanded
         self.twist.publish(message)
@@ -196,6 +197,15 @@ def test_a_joint_that_is_never_named_applies_all_brakes_and_is_reported() -> Non
         rest.wait(lambda: rest.enables is not None and rest.pedals[-5:] == [0.0] * 5)
         rest.until(0.0, 0.0)
         assert [1.0, 1.0] not in rest.commands
+
+
+def test_a_drive_command_of_another_length_is_reported() -> None:
+    with vehicle(True, kind="torque") as rest:
+        rest.node.create_subscription(DiagnosticArray, "/diagnostics", rest.diagnose, RELIABLE)
+        rest.until(3.0, -3.0)
+        rest.driven = [3.0, -3.0, 3.0, -3.0]
+        rest.until(0.0, 0.0)
+        rest.wait(lambda: any("must contain 2 values" in problem for problem in rest.problems))
 
 
 def test_a_joint_that_is_named_twice_applies_all_brakes_and_is_reported() -> None:

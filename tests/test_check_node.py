@@ -151,6 +151,20 @@ def test_breaches_of_a_foreign_node_are_named(
     assert [one for one in breaches if one not in found] == []
 
 
+def test_a_twist_of_another_message_type_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "odometry.py").write_text(
+        "import rclpy\n"
+        "from nav_msgs.msg import Odometry\n"
+        "rclpy.init()\n"
+        "node = rclpy.create_node('other')\n"
+        "node.create_publisher(Odometry, 'odometry/twist', 10)\n"
+        "rclpy.spin(node)\n"
+    )
+    code, document = check("odometry", "--start", f"{sys.executable} {tmp_path / 'odometry.py'}")
+    assert code == 1
+    assert document["error"].startswith("odometry/twist is published as nav_msgs/msg/Odometry")
+
+
 @pytest.mark.parametrize("command", ["no-such-program", "sh -c 'unclosed"])
 def test_a_command_that_cannot_start_is_refused(command: str) -> None:
     finished = subprocess.run(

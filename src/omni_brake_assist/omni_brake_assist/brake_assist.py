@@ -66,6 +66,7 @@ class BrakeAssist:
         self._faults: dict[int, Fault] = {}  # reasons for conditions that have no text in the table
         self._stamp_ns = 0
         self._rejected_ns: dict[str, int] = {}  # start of the present rejection of each source
+        self._listed_ns = 0  # stamp of the last call of `sources`
         # Compile the kernel here, so that the first real step is as fast as all others. Afterwards
         # the memory is replaced, because it contains the stamp of this trial step.
         self._step(Inputs(0, 0.0, True, GOOD, *self._samples(BrakeDemand(0, 0.0, None))))
@@ -109,7 +110,10 @@ class BrakeAssist:
         Call this method once after each decision, because the state REFUSED depends on the results
         of previous calls.
         """
-        now_ns, since_ns = self._stamp_ns, self._rejected_ns
+        now_ns = self._stamp_ns
+        # After a jump of the stamps, the time of the rejection is unknown.
+        jumped = abs(now_ns - self._listed_ns) > LONG_NS
+        since_ns, self._listed_ns = {} if jumped else self._rejected_ns, now_ns
         found = sources(self._memory, self._kinematics, self.configuration.fault_detection)
         self._rejected_ns = {
             one.name: since_ns.get(one.name, now_ns) for one in found if one.state == REJECTED

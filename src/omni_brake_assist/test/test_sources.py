@@ -171,3 +171,18 @@ def test_a_twist_that_is_rejected_for_long_is_reported_with_a_warning(
     found = drive(mecanum, twist=twist)
     assert found["twist"].state == state
     assert summary(decision, [found["twist"]])[0] == (WARNING if state == REFUSED else OK)
+
+
+def test_a_jump_of_the_stamps_is_no_long_rejection(mecanum: dict[str, WheelMount]) -> None:
+    assist = BrakeAssist(BrakeAssistConfiguration(wheels=mecanum))
+    speeds = PlatformKinematics(mecanum).wheel_speeds(np.array([1.0, 0.0, 0.0]))
+    states = []
+    for step in range(150):
+        stamp_ns = step * STEP_NS + (2_000_000_000 if step >= 110 else 0)
+        twist = TwistSample(stamp_ns, np.array([1.0, 0.0, 0.0]), 1e-6 * np.eye(3))
+        if step >= 100:  # an implausible speed is rejected
+            twist = twist._replace(value=np.array([100.0, 0.0, 0.0]))
+        assist.update(BrakeDemand(stamp_ns, 0.0, twist, WheelSample(stamp_ns, speeds), None))
+        states.append(assist.sources()[0].state)
+    assert REJECTED in states[100:110]
+    assert REFUSED not in states

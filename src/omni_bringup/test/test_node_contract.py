@@ -48,6 +48,16 @@ def test_a_repeated_answer_without_new_inputs_is_not_late() -> None:
     assert age(0.2) == pytest.approx(200.0)
 
 
+def test_a_release_of_all_brakes_at_once_is_named() -> None:
+    def breaches(effort: list[float]) -> list[str]:
+        message = joint_state(0, ("left", "right"), effort=np.array(effort))
+        answers = [Answer("recorded", 0, 0.0, 0.0, message)]
+        return list(contract.enable_breaches(exchange(answers, [0]), ["left", "right"]))
+
+    assert not any("all brakes are released" in words for words in breaches([0.0, 1.0]))
+    assert any("all brakes are released" in words for words in breaches([0.0, 0.0]))
+
+
 @pytest.mark.parametrize("row", range(3))
 def test_a_negative_variance_is_named_as_such(row: int) -> None:
     covariance = np.eye(3)

@@ -377,7 +377,7 @@ def _record_and_advance(run: _Run, stamp: int) -> int:
     motion = record.motion[stamp]
     half_turn = 0.5 * motion[2]  # as in `quaternion_from_yaw` and back
     record.heading[stamp] = 2.0 * math.atan2(math.sin(half_turn), math.cos(half_turn))
-    now_ns, speed = stamp * loop.period_ns, run_progress.rim_speed(motion[3:6])
+    now_ns, speed = stamp * loop.period_ns, run_progress.largest_speed(motion[3:6])
     outcome = run_progress.run_outcome(loop.end, run.sensors.rest, now_ns, loop.pedal[stamp], speed)
     if outcome == run_progress.RUNNING:
         _advance(state, loop, scratch, stamp, motion[2])

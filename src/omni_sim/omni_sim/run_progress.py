@@ -48,7 +48,7 @@ def rest_memory() -> NDArray[np.void]:
 
 
 @lean
-def rim_speed(twist: NDArray[np.float64]) -> float:
+def largest_speed(twist: NDArray[np.float64]) -> float:
     """Return the largest speed among all points at a distance of 1 m from base_link [m/s].
 
     Args:
@@ -67,7 +67,7 @@ def run_outcome(end: End, memory: Any, stamp_ns: int, pedal: float, speed: float
         memory: memory from `rest_memory`, changed in place.
         stamp_ns: time since the start of the run [ns].
         pedal: brake demand of the driver, 0 to 1.
-        speed: result of `rim_speed` [m/s].
+        speed: result of `largest_speed` [m/s].
     """
     rest, time = memory[0], stamp_ns / SECOND_NS
     if pedal <= 0.0 or speed > end.rest_speed:
@@ -112,7 +112,7 @@ class RunProgress:
     def update(self, observation: Observation) -> None:
         """Update progress and outcome with the latest observation."""
         self._time = observation.stamp_ns / SECOND_NS
-        self._speed = rim_speed(observation.twist)
+        self._speed = largest_speed(observation.twist)
         self._initial_speed = max(self._initial_speed, self._speed)
         self.outcome = _OUTCOMES[
             run_outcome(self._end, self._rest, observation.stamp_ns, observation.pedal, self._speed)

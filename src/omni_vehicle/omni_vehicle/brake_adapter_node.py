@@ -131,9 +131,10 @@ class BrakeAdapterNode(Node):
         self._wheel_states.publish(states)
 
     def _on_drive(self, message: Float64MultiArray) -> None:
-        if len(message.data) == len(self._drive):
+        fits = len(message.data) == len(self._drive)
+        if fits:
             self._drive = np.array(message.data)
-            self._received["drive"] = time.monotonic()
+        self._received["drive" if fits else "other drive commands"] = time.monotonic()
 
     def _on_pedal(self, message: Any) -> None:
         if isinstance(message, TwistStamped):
@@ -199,6 +200,8 @@ class BrakeAdapterNode(Node):
         if not np.all(np.isfinite(speed)) and self._configuration.kind == TORQUE:
             problems.append("no wheel speeds: the drives cannot brake")
         drive = np.zeros(len(enable)) if self._silent("drive", timeout) else self._drive
+        if not self._silent("other drive commands", timeout):
+            problems.append(f"drive_commands must contain {len(drive)} values, one for each wheel")
         return WheelDemand(pedal, enable, speed, drive), "; ".join(problems)
 
     def _step(self) -> None:

@@ -38,7 +38,6 @@ from omni_ros import parameters, process, qos
 from omni_ros.environment import REPORT_VARIABLE
 from omni_ros.messages import (
     joint_state,
-    message_class,
     planar_pose_of,
     planar_twist,
     to_nanoseconds,
@@ -151,8 +150,7 @@ class DriverNode(Node):
             self.received += 1
             take(message)
 
-        kind = message_class(topic.type)
-        self.create_subscription(kind, topic.ros_name, on_message, qos.RELIABLE)
+        qos.subscribe(self, topic, on_message)
 
     def publish_demand(self) -> None:
         """Publish the present demand of the selected source."""

@@ -70,7 +70,7 @@ def metrics(exchange: Exchange) -> dict[str, tuple[float, str]]:
     first = [one for one in exchange.answers if one.phase == "recorded"]
     sent = exchange.sent["recorded"]
     answered = len({one.stamp_ns for one in first} & set(sent)) / max(len(sent), 1)
-    begun = exchange.sent["recorded"][0] + round(CONTRACT.warm_up * SECOND_NS)
+    begun = _warmed_up(exchange)
     # A node may publish its last answer again while no input arrives.
     ages = {one.stamp_ns: one.age for one in reversed(first) if one.stamp_ns >= begun}
     age = float(np.percentile(list(ages.values()), 99)) if ages else 0.0
@@ -127,6 +127,9 @@ def enable_breaches(exchange: Exchange, wheels: Sequence[str]) -> Iterator[str]:
         values = np.asarray(one.message.effort, dtype=np.float64)
         if len(values) != len(wheels) or not np.all((values >= 0.0) & (values <= 1.0)):
             yield f"effort {values.tolist()} in phase {one.phase!r}: one share of 0 to 1 per wheel"
+            break
+        if not np.any(values):
+            yield f"all brakes are released at once (phase {one.phase!r}); one must stay applied"
             break
     for one in exchange.answers:
         late = one.phase == "silence" and one.silence > CONTRACT.silence
@@ -225,6 +228,11 @@ def simulator_breaches(seen: Mapping[str, Received], wheels: Sequence[str]) -> I
         yield from filter(None, (problem, _yaw_rate_problem(seen)))
 
 
+def _warmed_up(exchange: Exchange) -> int:
+    """Return the stamp after which late and missing answers count [ns]."""
+    return exchange.sent["recorded"][0] + round(CONTRACT.warm_up * SECOND_NS)
+
+
 def _gap_breaches(exchange: Exchange, limit_ns: int) -> Iterator[str]:
     """Yield a violation if too many consecutive inputs are unanswered.
 
@@ -233,7 +241,7 @@ def _gap_breaches(exchange: Exchange, limit_ns: int) -> Iterator[str]:
         limit_ns: limit on the time between two answered inputs, if inputs between them are not
             answered [ns].
     """
-    begun = exchange.sent["recorded"][0] + round(CONTRACT.warm_up * SECOND_NS)
+    begun = _warmed_up(exchange)
     sent = np.array([stamp for stamp in exchange.sent["recorded"] if stamp >= begun])
     first = [one for one in exchange.answers if one.phase == "recorded" and one.stamp_ns >= begun]
     answered = np.flatnonzero(np.isin(sent, [one.stamp_ns for one in first]))

@@ -295,6 +295,11 @@ def _exchange(
         alive: function that returns whether the node's process still runs.
     """
     exchange = Exchange(output, partner.await_node(output.path, alive, publishers))
+    for entry in partner.node.get_publishers_info_by_topic(output.path):
+        if entry.topic_type != output.type:
+            raise WorkError(
+                f"{output.path} is published as {entry.topic_type}; must be {output.type}"
+            )
     qos = RELIABLE if all(exchange.publishers) else qos_profile_sensor_data
     partner.node.create_subscription(exchange.kind, output.path, exchange.keep, qos, raw=True)
     partner.spin(time.monotonic() + _LISTEN)  # until the node has discovered the subscription
