@@ -162,7 +162,7 @@ def test_a_twist_of_another_message_type_is_refused(tmp_path: Path) -> None:
     )
     code, document = check("odometry", "--start", f"{sys.executable} {tmp_path / 'odometry.py'}")
     assert code == 1
-    assert document["error"].startswith("odometry/twist is published as nav_msgs/msg/Odometry")
+    assert document["error"].startswith("/odometry/twist is published as nav_msgs/msg/Odometry")
 
 
 @pytest.mark.parametrize("command", ["no-such-program", "sh -c 'unclosed"])

@@ -8,6 +8,7 @@ import math
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -51,7 +52,7 @@ def of_wheel(name: str, **factors: float) -> Change:
 
 def of_signal(field: str, change_of: Callable[[np.ndarray], np.ndarray]) -> Change:
     def change(wheels: Wheels, signals: Signals) -> tuple[Wheels, Signals]:
-        values = change_of(getattr(signals, field).copy())
+        values: Any = change_of(getattr(signals, field).copy())
         return wheels, signals._replace(**{field: values})
 
     return change
