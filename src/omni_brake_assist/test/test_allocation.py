@@ -129,6 +129,23 @@ def test_a_wheel_that_locks_is_let_go(mecanum: Wheels) -> None:
     assert error[2] > 0.0
 
 
+@pytest.mark.parametrize(
+    ("yaw_rate", "spin", "released"), [(0.3, 0.0, True), (-0.3, 0.0, False), (0.2, 22.0, False)]
+)
+def test_a_locked_wheel_is_released_if_less_than_half_of_its_capacity_is_demanded(
+    mecanum: Wheels, yaw_rate: float, spin: float, released: bool
+) -> None:
+    law, memory = _law(mecanum)
+    error, enable = np.zeros(4), np.zeros(4)
+    for step in range(4):
+        speeds = np.array([22.0, spin, 22.0, 22.0])
+        motion = Motion(step == 0, 0.01 * (step > 0), 5.0, 0.0, yaw_rate, 0.0, 1.0, 1.0, speeds)
+        assert allocation.step(law, memory, motion, error, enable) == ASSIST
+    assert memory.qp.solution[1] > 0.05
+    assert (memory.qp.solution[1] < 0.5) == (yaw_rate > 0.0)
+    assert (enable[1] == 0.0) == released
+
+
 @pytest.mark.parametrize("pressure_step", [0.0, 0.25])
 def test_of_locked_wheels_all_but_one_are_released(mecanum: Wheels, pressure_step: float) -> None:
     law, memory = _law(mecanum, pressure_step)

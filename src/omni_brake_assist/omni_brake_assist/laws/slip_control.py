@@ -2,6 +2,9 @@
 
 If the friction force demanded of a wheel equals its capacity, a speed controller keeps the wheel at
 the target slip. Every other wheel receives the brake force that causes the demanded friction force.
+A locked wheel slides with its whole capacity, whatever its brake force. If less than half of the
+capacity is demanded, the wheel is released until it turns. Its acceleration then shows the true
+capacity to the friction observer.
 On-off valves are switched to the pattern whose forces have the lowest cost in the QP. For both
 kinds of brakes, the law predicts the state of the wheel at the time when a new command begins to
 act. This prediction uses the commands that were sent but have not acted yet because of the dead
@@ -17,6 +20,9 @@ from omni_brake_assist.laws.law import Motion
 from omni_platform.kernels import lean
 from omni_platform.quantities import FloatArray
 
+# Demanded share of the capacity below which a locked wheel is released [1]. A locked wheel uses all
+# of its capacity and a released one none of it; this is the limit between the nearer of the two.
+_LEAST_LOCKED = 0.5
 _LEAST_ENABLE = 0.01  # enable of one brake if all others are released [1]
 
 
@@ -57,6 +63,8 @@ def control_slip(law: Constants, memory: Memory, motion: Motion, enable: FloatAr
         if share[i] < 1.0 or not wheel.known:
             slowed = braked.mass * rim.speed * slowing
             need = min(need, share[i] * wheel.capacity + slowed)
+            if share[i] < _LEAST_LOCKED and wheel.speed <= law.locked_share * wheel.hub:
+                need = 0.0
         command = model.command_for(law.brake, rim.brake, need, body.dt)
         enable[i] = min(max(command / most, 0.0), 1.0)
     if valves:
