@@ -7,10 +7,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from linescan_odometry.odometry import OdometryConfiguration
 from omni_brake_assist.configuration import BrakeAssistConfiguration
+from omni_bringup.graph.nodes import parameters_text, values_of
 from omni_loop.experiment import (
     ExperimentConfiguration,
     ExperimentLibrary,
@@ -26,9 +25,6 @@ from omni_platform.configuration import (
 )
 from omni_platform.description import IMU_FRAME, urdf
 from omni_platform.sensors import Mount
-from omni_ros.flat_parameters import flatten
-
-_Dumper = getattr(yaml, "CSafeDumper", yaml.SafeDumper)  # same text, but faster
 
 DESCRIPTION = "robot.urdf"
 FRAMES = "robot_state_publisher"
@@ -248,13 +244,4 @@ def parameter_file(configuration: Configuration, **others: Any) -> str:
         configuration: configuration of the node.
         **others: further parameters, keyed by name.
     """
-    # An empty list has no type in a parameter file; without an entry, the declared default is used.
-    flat = {key: value for key, value in flatten(configuration).items() if value != []}
-    return parameters_text(flat | others)
-
-
-def parameters_text(parameters: Mapping[str, Any]) -> str:
-    """Return the text of a parameter file that applies to a node of any name and namespace."""
-    document = {"/**": {"ros__parameters": dict(parameters)}}
-    text: str = yaml.dump(document, Dumper=_Dumper, sort_keys=False)
-    return text
+    return parameters_text(values_of(configuration) | others)
