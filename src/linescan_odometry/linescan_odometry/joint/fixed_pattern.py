@@ -6,11 +6,11 @@ it. Such pixels are interpolated. At rest, some sharp features of the ground may
 interpolated, which does no harm.
 
 The fixed pattern consists of dirt, unequal pixels, shading and mud, which change every line in the
-same way. For a given displacement, its posterior is Gaussian at every frequency. Earlier batches
-and the present one are weighted by their information. The prior variance is the power of the
-estimated pattern (empirical Bayes), so a camera without dirt loses little information. Candidates
-for the displacement are compared after subtraction of a shrunk mean, which is small where the
-estimate consists mostly of errors.
+same way. For a given displacement, the posterior of the pattern is Gaussian at every frequency.
+Earlier batches and the present one are weighted by their information. The prior variance is the
+power of the estimated pattern (empirical Bayes), so a camera without dirt loses little information.
+Candidates for the displacement are compared after subtraction of a shrunk mean, which is small
+where the estimate consists mostly of errors.
 
 In shapes, m is the number of lines, and F the number of spatial frequencies.
 """

@@ -2,9 +2,10 @@
 
 If the friction force demanded of a wheel equals its capacity, a speed controller keeps the wheel at
 the target slip. Every other wheel receives the brake force that causes the demanded friction force.
-A locked wheel slides with its whole capacity, whatever its brake force. If less than half of the
-capacity is demanded, the wheel is released until it turns. Its acceleration then shows the true
-capacity to the friction observer.
+A locked wheel slides with its whole capacity, regardless of its brake force. If less than half of
+the capacity is demanded, a proportional brake therefore releases the wheel until it turns. The
+acceleration of the wheel then shows the true capacity to the friction observer.
+
 On-off valves are switched to the pattern whose forces have the lowest cost in the QP. For both
 kinds of brakes, the law predicts the state of the wheel at the time when a new command begins to
 act. This prediction uses the commands that were sent but have not acted yet because of the dead
@@ -21,7 +22,7 @@ from omni_platform.kernels import lean
 from omni_platform.quantities import FloatArray
 
 # Demanded share of the capacity below which a locked wheel is released [1]. A locked wheel uses all
-# of its capacity and a released one none of it; this is the limit between the nearer of the two.
+# of its capacity, and a released one none. Below one half, the demand is nearer to none.
 _LEAST_LOCKED = 0.5
 _LEAST_ENABLE = 0.01  # enable of one brake if all others are released [1]
 
