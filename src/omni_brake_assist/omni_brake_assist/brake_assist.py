@@ -33,7 +33,7 @@ from omni_brake_assist.conditions import CONDITIONS, GOOD, INACTIVE, SLOW, UNREA
 from omni_brake_assist.configuration import BrakeAssistConfiguration
 from omni_brake_assist.decision import BrakeDemand, Decision, Fault
 from omni_brake_assist.laws.law import NO_HELP, call_law, own_law
-from omni_brake_assist.sources import LONG_NS, REFUSED, REJECTED, Source, sources
+from omni_brake_assist.sources import Source, sources
 from omni_platform.kinematics import PlatformKinematics
 from omni_platform.quantities import FloatArray
 from omni_platform.signals import INVALID, MISSING, VALID, ImuSample, TwistSample, WheelSample
@@ -65,8 +65,6 @@ class BrakeAssist:
         self._memory = assist_state.new_memory(self._wheels)
         self._faults: dict[int, Fault] = {}  # reasons for conditions that have no text in the table
         self._stamp_ns = 0
-        self._rejected_ns: dict[str, int] = {}  # start of the present rejection of each source
-        self._listed_ns = 0  # stamp of the last call of `sources`
         # Compile the kernel here, so that the first real step is as fast as all others. Afterwards
         # the memory is replaced, because it contains the stamp of this trial step.
         self._step(Inputs(0, 0.0, True, GOOD, *self._samples(BrakeDemand(0, 0.0, None))))
@@ -105,25 +103,8 @@ class BrakeAssist:
         return self._all_on(codes.get(silence.state, conditions.SILENCE), silence)
 
     def sources(self) -> tuple[Source, ...]:
-        """Return the test ratio and state of each measurement source after the last decision.
-
-        Call this method once after each decision, because the state REFUSED depends on the results
-        of previous calls.
-        """
-        now_ns = self._stamp_ns
-        # After a jump of the stamps, the time of the rejection is unknown.
-        jumped = abs(now_ns - self._listed_ns) > LONG_NS
-        since_ns, self._listed_ns = {} if jumped else self._rejected_ns, now_ns
-        found = sources(self._memory, self._kinematics, self.configuration.fault_detection)
-        self._rejected_ns = {
-            one.name: since_ns.get(one.name, now_ns) for one in found if one.state == REJECTED
-        }
-        return tuple(
-            one._replace(state=REFUSED)
-            if now_ns - self._rejected_ns.get(one.name, now_ns) > LONG_NS
-            else one
-            for one in found
-        )
+        """Return the test ratio and state of each measurement source after the last decision."""
+        return sources(self._memory, self._kinematics, self.configuration.fault_detection)
 
     def switch(self, *, enabled: bool) -> None:
         """Enable or disable the release of brakes, starting with the next decision."""

@@ -28,7 +28,7 @@ from omni_brake_assist.messages import (
     twist_of,
     wheel_speeds_of,
 )
-from omni_brake_assist.sources import Source, summary
+from omni_brake_assist.sources import RejectionTimers, Source, summary
 from omni_brake_assist.step_pairing import Sample, StepPairing
 from omni_platform import topics
 from omni_platform.configuration import Configuration, ConfigurationError, parameter
@@ -104,6 +104,7 @@ class BrakeAssistNode(Node):
             self.get_logger().warning(timing.feedback_warning)
         configuration = declare_configuration(self, BrakeAssistConfiguration, {_SWITCH, *TUNABLE})
         self._assist = BrakeAssist(configuration)
+        self._rejections = RejectionTimers()
         self.add_on_set_parameters_callback(self._check_parameters)
         self.add_post_set_parameters_callback(self._on_parameters_set)
         self._wheels = tuple(configuration.wheels)
@@ -242,7 +243,7 @@ class BrakeAssistNode(Node):
         stamp_ns = decision.stamp_ns
         for topic, message in decision_messages(decision, self._wheels).items():
             self._decisions[topic].publish(message)
-        sources = self._assist.sources()
+        sources = self._rejections.update(stamp_ns, self._assist.sources())
         names, ratios, *_ = zip(*sources, strict=True)
         self._test_ratios.publish(joint_state(stamp_ns, names, position=np.array(ratios)))
         self._report(decision, sources)

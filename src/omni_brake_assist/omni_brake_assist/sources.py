@@ -27,8 +27,7 @@ from omni_platform.quantities import FloatArray
 FUSED, REJECTED, ISOLATED, MISSING, BRAKED = "fused", "rejected", "isolated", "missing", "braked"
 LOST = "lost"  # missing, although readings are expected: see `sources`
 REFUSED = "rejected for more than 1 s"
-LONG_NS = 1_000_000_000
-"""Time for which a source is rejected before it is `REFUSED` [ns]."""
+_LONG_NS = 1_000_000_000  # time for which a source is rejected before it is REFUSED [ns]
 _REMEDIES = {
     LOST: "no plausible reading: check driver, wiring and unit",
     ISOLATED: "check unit, sign and mounting",
@@ -97,6 +96,33 @@ def sources(memory: Memory, kinematics: PlatformKinematics, detects: bool) -> tu
         state = BRAKED if braked else LOST if missing and detects else wheel.state
         found.append(wheel._replace(state=state))
     return tuple(found)
+
+
+class RejectionTimers:
+    """Times for which the sources have been rejected."""
+
+    def __init__(self) -> None:
+        self._since_ns: dict[str, int] = {}  # start of the present rejection of each source
+        self._last_ns = 0  # stamp of the last decision
+
+    def update(self, now_ns: int, found: Sequence[Source]) -> tuple[Source, ...]:
+        """Return the sources; those that have been rejected for long get the state `REFUSED`.
+
+        Args:
+            now_ns: stamp of the decision [ns].
+            found: sources after this decision; call the method once after each decision.
+        """
+        # After a jump of the stamps, the time of the rejection is unknown.
+        known = {} if abs(now_ns - self._last_ns) > _LONG_NS else self._since_ns
+        rejected = [one.name for one in found if one.state == REJECTED]
+        self._since_ns = {name: known.get(name, now_ns) for name in rejected}
+        self._last_ns = now_ns
+        return tuple(
+            one._replace(state=REFUSED)
+            if now_ns - self._since_ns.get(one.name, now_ns) > _LONG_NS
+            else one
+            for one in found
+        )
 
 
 def summary(decision: Decision, found: Sequence[Source]) -> tuple[int, str]:

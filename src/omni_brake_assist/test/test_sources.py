@@ -16,6 +16,7 @@ from omni_brake_assist.sources import (
     MISSING,
     REFUSED,
     REJECTED,
+    RejectionTimers,
     Source,
     summary,
 )
@@ -44,7 +45,8 @@ def drive(
     The twist is multiplied by `twist`, or lost if that is None, and the wheel speeds are multiplied
     by `factor`. IMU readings and wheel speeds are received until the steps `until`.
     """
-    assist = BrakeAssist(BrakeAssistConfiguration(wheels=wheels))
+    assist, timers = BrakeAssist(BrakeAssistConfiguration(wheels=wheels)), RejectionTimers()
+    found: tuple[Source, ...] = ()
     value = np.array([5.0, 0.0, 0.0])
     reading = value * (1.0 if twist is None else twist)
     speeds = PlatformKinematics(wheels).wheel_speeds(value) * factor
@@ -63,8 +65,8 @@ def drive(
                 ImuSample(stamp_ns, rate, specific_force) if step < until[0] else None,
             )
         )
-        assist.sources()
-    return {source.name: source for source in assist.sources()}
+        found = timers.update(stamp_ns, assist.sources())
+    return {source.name: source for source in found}
 
 
 def test_consistent_sources_are_fused(mecanum: dict[str, WheelMount]) -> None:
@@ -174,7 +176,7 @@ def test_a_twist_that_is_rejected_for_long_is_reported_with_a_warning(
 
 
 def test_a_jump_of_the_stamps_is_no_long_rejection(mecanum: dict[str, WheelMount]) -> None:
-    assist = BrakeAssist(BrakeAssistConfiguration(wheels=mecanum))
+    assist, timers = BrakeAssist(BrakeAssistConfiguration(wheels=mecanum)), RejectionTimers()
     speeds = PlatformKinematics(mecanum).wheel_speeds(np.array([1.0, 0.0, 0.0]))
     states = []
     for step in range(150):
@@ -183,6 +185,6 @@ def test_a_jump_of_the_stamps_is_no_long_rejection(mecanum: dict[str, WheelMount
         if step >= 100:  # an implausible speed is rejected
             twist = twist._replace(value=np.array([100.0, 0.0, 0.0]))
         assist.update(BrakeDemand(stamp_ns, 0.0, twist, WheelSample(stamp_ns, speeds), None))
-        states.append(assist.sources()[0].state)
+        states.append(timers.update(stamp_ns, assist.sources())[0].state)
     assert REJECTED in states[100:110]
     assert REFUSED not in states
