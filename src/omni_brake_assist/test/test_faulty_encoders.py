@@ -1,5 +1,6 @@
 """Encoders whose readings a rolling or sliding wheel can, or cannot, have."""
 
+import math
 from collections.abc import Callable
 
 import numpy as np
@@ -82,6 +83,7 @@ def isolated_encoder(
         (lambda _t, _rolling: 0.0, True),
         (lambda _t, rolling: rolling - 6.0, True),
         (lambda _t, _rolling: 20.0, True),
+        (lambda t, _rolling: 8.0 - 4.0 * math.cos(80.0 * t), True),  # slows down after a gain
         (lambda _t, rolling: -rolling, False),
         (lambda _t, rolling: rolling + 6.0, False),
     ],
@@ -101,6 +103,7 @@ def test_an_impossible_wheel_speed_is_isolated(
         (lambda _t, _rolling: 0.0, False),  # locked
         (lambda _t, rolling: rolling, False),  # no brake, or a weak one
         (lambda t, rolling: min(3.0 + 12.0 * t, rolling), True),  # gains, on ice of 0.02
+        (lambda t, rolling: min(8.0 + 60.0 * abs(t - 0.1), rolling), True),  # the brake acts late
         (lambda t, rolling: rolling + (1.2 if t < 0.15 else 0.0), True),  # the tire springs back
     ],
 )

@@ -241,6 +241,16 @@ def test_a_faulty_source_is_isolated(
     "fault isolation: braking does not change the twist",
     within=0.2,
 )
+@pytest.mark.parametrize("size", [0.3, -0.3])
+def test_a_faulty_yaw_rate_of_the_twist_does_not_isolate_the_gyro(
+    drive: Drive, size: float
+) -> None:
+    drive.run(150, "rate", 60, size)
+
+    assert NO_GYRO not in drive.chosen
+    assert drive.time_until(NO_TWIST, 60) <= 0.02
+
+
 @pytest.mark.parametrize("hold", [1, 4])
 def test_a_twist_that_braking_does_not_change_is_isolated(
     drive: Drive, hold: int, within: float

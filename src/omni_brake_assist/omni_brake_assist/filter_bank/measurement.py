@@ -24,11 +24,13 @@ GATE = 30.0
 """Normalized innovation squared above which a reading is rejected (5.5 standard deviations) [1]."""
 
 # A released wheel counts as idle while its rim gains less speed than _GAIN [m/s]. An idle wheel
-# either rolls, or its brake still acts. On ice (friction 0.1, load 2500 N, radius 0.2 m, inertia
-# 1 kg m^2) the speed of a rim rises by _GAIN in 0.01 s. The idle time has a Rayleigh distribution.
-# Its mode is _IDLE / sqrt(2) [s] for a sliding wheel, because the torques of brake and friction are
-# equal only briefly, and _HELD / sqrt(2) [s] for a locked wheel, because it remains locked until
-# the torque of a brake with an unknown lag has fallen below that of friction.
+# either rolls, or its brake still acts. The torque of a released brake only falls. The rim of a
+# sliding wheel may therefore slow down at first, but after its first gain it only gains speed.
+# On ice (friction 0.1, load 2500 N, radius 0.2 m, inertia 1 kg m^2) the speed of a rim rises by
+# _GAIN in 0.01 s. The idle time has a Rayleigh distribution. Its mode is _IDLE / sqrt(2) [s] for a
+# sliding wheel, because the torques of brake and friction are equal only briefly. For a locked
+# wheel it is _HELD / sqrt(2) [s], because the wheel remains locked until the torque of a brake with
+# an unknown lag has fallen below that of friction.
 _GAIN, _IDLE, _HELD = 0.1, 0.05, 0.08
 # Width of the range of readings of a faulty encoder: the width at standstill [m/s], and the
 # increase of the width per vehicle speed [1].
@@ -112,12 +114,52 @@ def _twist_variance(constants: BankConstants, twist: bank.Twist, j: int) -> floa
 
 
 @lean
-def _twist_innovation(memory: BankMemory, k: int, reading: float) -> float:
-    """Return a reading minus the prediction of filter `k` along the direction `BankMemory.h`."""
-    innovation = reading
+def _twist_error(
+    constants: BankConstants, memory: BankMemory, k: int, j: int, dt: float, twist: bank.Twist
+) -> tuple[float, float]:
+    """Return the innovation of component `j` of a twist under a hypothesis, and its variance.
+
+    Args:
+        constants: constants of the vehicle.
+        memory: memory of the bank; its field `h` is set to the direction of the component.
+        k: filter that predicts the component; NO_ESTIMATE predicts the last reading, as for a
+            faulty component.
+        j: index of the component.
+        dt: time since the last twist [s].
+        twist: the twist.
+    """
+    record, own, value = memory.record[0], _twist_variance(constants, twist, j), twist.value[j]
+    if k == bank.NO_ESTIMATE:
+        last = record.twist_x if j == 0 else record.twist_y
+        last = record.twist_rate if j == RATE else last
+        walk = constants.turn if j == RATE else constants.walk
+        return value - last, 2.0 * own + dt * walk**2
+    twist_direction(constants, memory.h, j)
+    innovation = value
     for i in range(memory.h.size):
         innovation -= memory.h[i] * memory.state[k, i]
-    return innovation
+    return innovation, own + variance_along(memory.covariance[k], memory.h)
+
+
+@lean
+def _twist_fit(
+    constants: BankConstants, memory: BankMemory, dt: float, twist: bank.Twist
+) -> tuple[float, float]:
+    """Return twice the log likelihood ratios of a correct and a faulty part of a twist [1].
+
+    The filter that does not use the twist predicts the correct part. Without an IMU it cannot
+    predict the velocity.
+
+    Returns:
+        Ratio of the velocity, 0 without an IMU, and ratio of the yaw rate.
+    """
+    velocity, rate = 0.0, 0.0
+    for j in range(3):
+        change, spread = _twist_error(constants, memory, bank.NO_ESTIMATE, j, dt, twist)
+        misfit, total = _twist_error(constants, memory, bank.NO_TWIST, j, dt, twist)
+        ratio = change**2 / spread + math.log(spread) - misfit**2 / total - math.log(total)
+        velocity, rate = (velocity, ratio) if j == RATE else (velocity + ratio, rate)
+    return velocity if memory.record[0].equipped else 0.0, rate
 
 
 @lean
@@ -130,7 +172,7 @@ def fuse_twist(constants: BankConstants, memory: BankMemory, dt: float, twist: b
         dt: time since the last twist [s].
         twist: the twist.
     """
-    record, h, value = memory.record[0], memory.h, twist.value
+    record, value = memory.record[0], twist.value
     angle = 0.5 * (record.twist_rate + value[2]) * dt
     c, s = math.cos(angle), math.sin(angle)
     # The last twist, rotated into the body axes at the time of the new one.
@@ -138,23 +180,16 @@ def fuse_twist(constants: BankConstants, memory: BankMemory, dt: float, twist: b
         c * record.twist_x + s * record.twist_y,
         c * record.twist_y - s * record.twist_x,
     )
+    velocity, rate = _twist_fit(constants, memory, dt, twist)
     for k in range(bank.HYPOTHESES):
         uses = k not in (bank.NO_TWIST, bank.NO_ESTIMATE)
         squared, logs = 0.0, 0.0
         for j in range(3):
-            own = _twist_variance(constants, twist, j)
-            last = record.twist_x if j == 0 else record.twist_y
-            last = record.twist_rate if j == RATE else last
-            innovation = value[j] - last
-            total = 2.0 * own + dt * (constants.turn if j == RATE else constants.walk) ** 2
-            cost = innovation**2 / total + math.log(total)
-            # The yaw rate of a twist with a faulty velocity may still be correct.
-            if uses or (k == bank.NO_TWIST and j == RATE):
-                twist_direction(constants, h, j)
-                misfit = _twist_innovation(memory, k, value[j])
-                predicted = own + variance_along(memory.covariance[k], h)
-                if uses or misfit**2 / predicted + math.log(predicted) < cost:
-                    innovation, total = misfit, predicted
+            # A twist with a faulty velocity may have a correct yaw rate, and vice versa.
+            fit, other = (rate, velocity) if j == RATE else (velocity, rate)
+            predicts = uses or (k == bank.NO_TWIST and fit > max(other, 0.0))
+            model = k if predicts else bank.NO_ESTIMATE
+            innovation, total = _twist_error(constants, memory, model, j, dt, twist)
             squared += innovation**2 / total
             logs += math.log(total)
             if k == bank.ALL and j >= 1:
@@ -166,8 +201,7 @@ def fuse_twist(constants: BankConstants, memory: BankMemory, dt: float, twist: b
             continue
         if squared <= GATE or not record.equipped:
             for j in range(3):
-                twist_direction(constants, h, j)
-                innovation = _twist_innovation(memory, k, value[j])
+                innovation, _ = _twist_error(constants, memory, k, j, dt, twist)
                 own = _twist_variance(constants, twist, j)
                 correct(memory, k, innovation, own, (bank.BIAS_RATE, bank.OFFSET))
         elif record.best not in (k, bank.NO_ESTIMATE):
@@ -214,10 +248,12 @@ def fuse_wheels(
         memory.released[i] = 0.0 if held else memory.released[i] + dt
         if math.isnan(rim):
             continue
-        memory.mark[i] = min(memory.mark[i], abs(rim))
         acts = not braking or memory.released[i] < constants.spin_up
-        if acts or abs(rim) > memory.mark[i] + _GAIN:
-            memory.idle[i], memory.mark[i] = 0.0, abs(rim)
+        gains = abs(rim) > memory.mark[i] + _GAIN
+        if acts or gains:
+            memory.idle[i], memory.mark[i], memory.gained[i] = 0.0, abs(rim), not acts
+        elif not memory.gained[i]:
+            memory.mark[i] = min(memory.mark[i], abs(rim))
         memory.idle[i] += dt
         wheel = _mixture(constants, memory, i, (dt, braking, held), (change, slip, span))
         memory.evidence[bank.NO_ESTIMATE] += constants.wheel_weight * math.log(

@@ -177,9 +177,11 @@ class BankMemory(NamedTuple):
         record: stamps and flags, a record of `BANK`, shape (1,).
         released: time for which each brake has been released [s], shape (N,).
         rim: last speed of each rim along the active direction [m/s], shape (N,).
-        mark: lowest recent speed of the rim of each released wheel, from which the gain in speed
-            is measured [m/s], shape (N,).
+        mark: speed of the rim of each released wheel from which its gain in speed is measured
+            [m/s], shape (N,). It is the lowest speed since the release; after a gain, it is the
+            speed at the last gain.
         idle: time for which the rim of each released wheel has not gained speed [s], shape (N,).
+        gained: whether the rim of each wheel has gained speed since its release, shape (N,).
         faulty: probability under each hypothesis that the encoder of a wheel is faulty [1],
             shape (6, N); 0 under NO_ESTIMATE.
         wheel_ratio: test ratio of each wheel, NaN while it slides [1], shape (N,).
@@ -206,6 +208,7 @@ class BankMemory(NamedTuple):
     rim: FloatArray
     mark: FloatArray
     idle: FloatArray
+    gained: NDArray[np.bool_]
     faulty: FloatArray
     wheel_ratio: FloatArray
     ratio: FloatArray
@@ -264,6 +267,7 @@ def bank_memory(wheels: int) -> BankMemory:
         np.full(wheels, np.nan),
         np.zeros(wheels),
         np.zeros(wheels),
+        np.zeros(wheels, np.bool_),
         np.zeros((HYPOTHESES, wheels)),
         np.full(wheels, np.nan),
         np.zeros(2),
@@ -296,6 +300,7 @@ def begin(constants: BankConstants, memory: BankMemory, now_ns: int, twist: Twis
     memory.released[:] = 0.0
     memory.rim[:] = math.nan
     memory.faulty[:] = memory.idle[:] = memory.mark[:] = 0.0
+    memory.gained[:] = False
     memory.loss[:] = 0.0
     memory.covariance[:] = 0.0
     memory.state[:] = 0.0
