@@ -106,7 +106,7 @@ class RejectionTimers:
         self._last_ns = 0  # stamp of the last decision
 
     def update(self, now_ns: int, found: Sequence[Source]) -> tuple[Source, ...]:
-        """Return the sources; those that have been rejected for long get the state `REFUSED`.
+        """Return the sources; sources that are rejected for more than 1 s have the state `REFUSED`.
 
         Args:
             now_ns: stamp of the decision [ns].

@@ -145,13 +145,13 @@ def _twist_error(
 def _twist_fit(
     constants: BankConstants, memory: BankMemory, dt: float, twist: bank.Twist
 ) -> tuple[float, float]:
-    """Return twice the log likelihood ratios of a correct and a faulty part of a twist [1].
+    """Return twice the log likelihood ratio of correct versus faulty, for both parts of a twist.
 
-    The filter that does not use the twist predicts the correct part. Without an IMU it cannot
-    predict the velocity.
+    The parts are velocity and yaw rate. The filter that does not use the twist predicts a correct
+    part. Without an IMU, this filter cannot predict the velocity.
 
     Returns:
-        Ratio of the velocity, 0 without an IMU, and ratio of the yaw rate.
+        Ratio of the velocity, which is 0 without an IMU, and ratio of the yaw rate [1].
     """
     velocity, rate = 0.0, 0.0
     for j in range(3):
@@ -328,7 +328,9 @@ def _mixture(
 def _fuse_wheel(
     constants: BankConstants, memory: BankMemory, i: int, k: int, wheel: _Wheel
 ) -> float:
-    """Correct filter `k` with the speed of wheel `i` if the wheel rolls.
+    """Update the evidence of filter `k` with the speed of wheel `i`.
+
+    If the wheel probably rolls, the filter is also corrected.
 
     Returns:
         Likelihood of the reading if the encoder is fault-free [s/m].
