@@ -235,12 +235,6 @@ def test_a_faulty_source_is_isolated(
     assert drive.error == pytest.approx(0.0, abs=0.01)
 
 
-@pytest.mark.safety(
-    RELEASED,
-    "the twist is stuck, also if the sensor is read only every 40 ms",
-    "fault isolation: braking does not change the twist",
-    within=0.2,
-)
 @pytest.mark.parametrize("size", [0.3, -0.3])
 def test_a_faulty_yaw_rate_of_the_twist_does_not_isolate_the_gyro(
     drive: Drive, size: float
@@ -251,6 +245,12 @@ def test_a_faulty_yaw_rate_of_the_twist_does_not_isolate_the_gyro(
     assert drive.time_until(NO_TWIST, 60) <= 0.02
 
 
+@pytest.mark.safety(
+    RELEASED,
+    "the twist is stuck, also if the sensor is read only every 40 ms",
+    "fault isolation: braking does not change the twist",
+    within=0.2,
+)
 @pytest.mark.parametrize("hold", [1, 4])
 def test_a_twist_that_braking_does_not_change_is_isolated(
     drive: Drive, hold: int, within: float
