@@ -35,7 +35,7 @@ class Options(LoopOptions, CommandOptions):
     variant: tuple[str, ...] = option(())
     """run only this variant"""
     out: Path | None = option(None, metavar="DIR")
-    """folder for the recordings and figures (default: results/run/EXPERIMENT/TIME)"""
+    """folder for the recordings and figures (default: bags/EXPERIMENT/TIME)"""
     ground: str | None = option(None, metavar="NAME|PICTURE")
     """a file of config/grounds/, or your own scan or photo (PNG, TIFF, JPEG) with --dpi"""
     dpi: float | None = option(None, above=0.0, maximum=50000.0)
@@ -106,9 +106,8 @@ def _result_folder(options: Options, workspace: Workspace) -> Path:
 
     with reserved_domain():
         pass  # Fail before the folder is created; each run reserves a domain again.
-    name = short_name(options.experiment)
-    folder = workspace.results(options.out, "run", name, time_in_name())
-    return command_report.make_folder(unused(folder))
+    default = workspace.folder / "bags" / short_name(options.experiment) / time_in_name()
+    return command_report.make_folder(unused(options.out or default))
 
 
 def _run_variants(
