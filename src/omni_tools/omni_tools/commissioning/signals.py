@@ -125,9 +125,7 @@ def signals_of(
 
     speeds = _by_wheel(states, "velocity", wheels)
     speeds[~(np.abs(speeds) < _LARGEST)] = math.nan
-    unmeasured = [
-        wheel for wheel, one in zip(wheels, speeds.T, strict=True) if np.all(np.isnan(one))
-    ]
+    unmeasured = [w for w, lost in zip(wheels, np.isnan(speeds.T), strict=True) if lost.all()]
     if unmeasured:
         raise configuration.ConfigurationError(
             _WHEELS, f"has no speed of {', '.join(unmeasured)}; the check needs wheel encoders"
