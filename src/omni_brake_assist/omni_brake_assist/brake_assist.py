@@ -17,7 +17,7 @@ the wheel is negative. A valve that has just switched keeps its state for the mi
 The assistant stores the line of motion when the motion is first known with the pedal down. All
 brakes act until then. After a gap in the feedback that is too long for the integration of the
 heading, the assistant stores a new line. A vehicle that only rotates at that time has no line of
-motion. The component ``s_perp`` of the errors, which keeps a vehicle on its line, is then zero.
+motion, so the component ``s_perp`` of its errors, which keeps a vehicle on its line, is zero.
 """
 
 import dataclasses

@@ -66,7 +66,8 @@ def sources(memory: Memory, kinematics: PlatformKinematics, detects: bool) -> tu
     Args:
         memory: memory of the assistant.
         kinematics: kinematics of the wheels.
-        detects: whether fault detection is on. A missing wheel speed is then LOST, not MISSING.
+        detects: whether fault detection is on. If it is, a missing wheel speed is LOST, otherwise
+            MISSING.
     """
     best, gate = int(memory.bank.record[0]["best"]), memory.gate[0]
     force, gyro = map(float, memory.bank.ratio)

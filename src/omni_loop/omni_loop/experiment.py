@@ -182,7 +182,8 @@ class ExperimentLibrary:
     def named(self, experiment: str, part: str) -> str:
         """Return the file name that an experiment gives for a part such as ``ground``.
 
-        An empty text is returned if the experiment contains the values of the part itself.
+        The result is empty if the experiment contains the values of the part itself, or does not
+        mention it.
         """
         found = self._read(_EXPERIMENTS, experiment, "experiment").get(part)
         return found if isinstance(found, str) else ""

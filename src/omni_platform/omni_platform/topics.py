@@ -23,7 +23,7 @@ class Topic(NamedTuple):
         type: type of its messages.
         publisher: node that publishes the topic.
         latched: whether the last message is kept for subscribers that join later.
-        shared: whether all vehicles share the topic, which is then outside their namespaces.
+        shared: whether all vehicles share the topic. A shared topic is outside their namespaces.
     """
 
     name: str

@@ -78,8 +78,8 @@ def leading_stamp(data: bytes, of_list: bool = False) -> int | None:
     Args:
         data: message in CDR with its encapsulation header; the message type must begin with a
             `builtin_interfaces/Time`.
-        of_list: whether the message begins instead with a list of messages of such a type; the
-            stamp of the first message in the list is then returned.
+        of_list: whether the message begins instead with a list of messages of such a type; if so,
+            the stamp of the first one is returned.
 
     Returns:
         The stamp; None if it is missing or negative, which a recording cannot contain.
@@ -308,8 +308,8 @@ def camera_info(frame: str, pixels: int, length: float, width: float = 0.0) -> C
     Args:
         frame: frame of the sensor.
         pixels: number of pixels per line.
-        length: field of view along the axis [m]; 0 if unknown. All scales are then zero, as for an
-            uncalibrated camera in ROS.
+        length: field of view along the axis [m]; 0 if unknown, which makes all scales zero, as for
+            an uncalibrated camera in ROS.
         width: field of view across the axis [m]; 0 if unknown.
     """
     info = stamped(CameraInfo, 0, frame)

@@ -78,10 +78,11 @@ class PlanarDisplacement(NamedTuple):
         )
 
     def along_arc(self) -> PlanarDisplacement:
-        """Return this motion, corrected for measurements along axes that rotate with the sensors.
+        """Return the true motion, if the displacements were measured along the sensors' own axes.
 
-        The argument of the arcsine in (75) is then the angle, and the path is an arc. The result is
-        exact for constant velocity and yaw rate.
+        Line cameras, for example, rotate with the platform. Their displacements make the argument
+        of the arcsine in (75) equal to the angle, and the path is an arc of the measured length.
+        The result is exact for constant velocity and yaw rate.
         """
         angle = math.sin(self.angle)
         # End of an arc of length 1, along and across its start: sin a / a and (1 - cos a) / a.

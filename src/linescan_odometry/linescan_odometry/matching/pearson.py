@@ -165,10 +165,10 @@ def _cross_spectra(spectra: NDArray[np.complex64]) -> None:
 
 @njit(nogil=True, error_model="numpy", fastmath=_REORDER)
 def _bound(product: Floats, ends: _Ends, pair: int, pixels: int, upper: Floats) -> np.float32:
-    """Return the largest lower bound of a pair's correlation, and write upper bounds to `upper`.
+    """Return the largest of the lower bounds of a pair's correlation at all shifts.
 
-    The bounds account for rounding errors. The largest correlation is at a shift whose upper bound
-    is at least the returned lower bound.
+    Upper bounds are written to `upper`. The bounds account for rounding errors. The largest
+    correlation is at a shift whose upper bound is at least the returned lower bound.
 
     Args:
         product: sum of the products of both lines at each shift, with the negative shifts at the

@@ -81,10 +81,11 @@ def brake_constants(
 def brake_memory(wheels: int) -> FloatArray:
     """Return the initial memory of the brake monitor, shape (2 N + 1,).
 
-    The first N entries are the cumulative sums of the wheels [s]. In each step in which a braked
-    wheel rolls without slip, its sum rises by the duration of the step. The next N entries [s] rise
-    while the brake is commanded to act, and fall to 0 at the same rate while it is released. The
-    last entry is the time since any wheel slid [s].
+    The first N entries are the cumulative sums of the wheels [s]. The sum of a braked wheel rises
+    by the duration of each step in which it rolls without slip, and falls if it slips. The next N
+    entries are the net times for which the brakes were commanded to act [s]: each rises by the
+    duration of a step with a commanded brake, and otherwise falls by it, but not below 0. The last
+    entry is the time since any wheel slid [s].
     """
     memory = np.zeros(2 * wheels + 1)
     memory[-1] = _SLIDE_VALIDITY

@@ -65,7 +65,7 @@ class DriverConfiguration(Configuration):
     """Parameters of the driver node."""
 
     wheels: Mapping[str, WheelMount] = parameter()
-    """Names of the platform's wheels"""
+    """Wheels of the platform, keyed by name; the page draws them"""
     chassis_length: float = parameter(unit="m", above=0.0, maximum=100.0)
     """Length of the platform"""
     chassis_width: float = parameter(unit="m", above=0.0, maximum=100.0)

@@ -1,9 +1,12 @@
-"""Linkage of compiled kernels: a kernel contains copies of its callees, or calls linked kernels.
+"""Linkage of compiled kernels.
 
-numba includes the code of a kernel in every kernel that calls it, and LLVM optimizes it again with
-each level of the call tree. These copies may differ in their rounding. With numba's own linkage, a
-call would reach the copy that the process has loaded first; this module makes the copies private to
-their caller. The callers of a `linked` kernel contain no copy, but only a call of its address.
+By default, a kernel contains private copies of the kernels that it calls. A kernel marked `linked`
+exists only once: its callers contain a call of its address instead of a copy.
+
+numba includes the code of a kernel in every kernel that calls it. LLVM optimizes each copy anew, so
+copies may differ in their rounding. In numba's own linkage all copies share one symbol, and every
+call reaches the copy that the process loaded first. This module makes the copies private, so a
+kernel always calls its own copy.
 """
 
 import functools

@@ -129,7 +129,7 @@ class TireModel:
 
 
 def plain_mapping(*keys: str) -> Callable[[FloatArray, float], dict[str, Any]]:
-    """Return a `FitRecipe.mapping` for a model whose parameters are numbers.
+    """Return a `FitRecipe.mapping` for a model with one number for each key.
 
     Args:
         *keys: names of the fitted parameters; the model also has the parameter ``largest_load``.

@@ -41,8 +41,8 @@ class SuspensionConfiguration(Configuration):
     """Springs between ground and chassis, one for each wheel; none by default."""
 
     stiffness: float = parameter(0.0, unit="N/m", minimum=0.0, maximum=1.0e8)
-    """Vertical stiffness of each wheel with its suspension; 0 for no suspension. The wheel loads
-    are then those of a rigid chassis on equal springs, and follow the acceleration with the time
+    """Vertical stiffness of each wheel with its suspension; 0 for no suspension: the wheel
+    loads are those of a rigid chassis on equal springs, and follow the acceleration with the time
     constant `load_transfer_time`"""
     damping_ratio: float = parameter(0.3, minimum=0.0, maximum=2.0)
     """Damping ratio of the chassis in heave"""

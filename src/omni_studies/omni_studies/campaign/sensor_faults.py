@@ -124,8 +124,8 @@ class Stop(NamedTuple):
         all_on_rotation: rotation that immediate detection of a brake fault would give, because all
             brakes are then on from the onset, minus the rotation of the reference stop [deg]; 0 for
             other faults.
-        assisting: 1 if a brake was still released later than 0.5 s after the onset, or if the
-            vehicle was then slower than 1 m/s; otherwise 0.
+        assisting: 1 if a brake was released later than 0.5 s after the onset, while the vehicle was
+            faster than 1 m/s, or if the vehicle was no longer that fast; otherwise 0.
     """
 
     seed: int

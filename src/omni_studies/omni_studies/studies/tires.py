@@ -231,7 +231,9 @@ _PERIOD = SimulationConfiguration.control_period  # period of the drive's comman
 
 
 def stopping_distance_change(vehicle: VehicleConfiguration, speed: float = 4.0) -> float:
-    """Return the largest relative change of a stopping distance if the physics step is halved [1].
+    """Return the relative change of the stopping distance if the physics step is halved [1].
+
+    The result is the largest change over six directions of motion.
 
     Args:
         vehicle: the vehicle.
@@ -269,9 +271,10 @@ def slope_creep(
 
 
 def creep_after_stop(vehicle: VehicleConfiguration, speed: float = 4.0) -> float:
-    """Return the largest displacement of a vehicle [m] in the minute after it has come to rest.
+    """Return how far a vehicle moves in the minute after a stop [m].
 
-    The minute begins 6 s after the start of braking from `speed` [m/s].
+    The result is the largest movement over six directions of the stop. The minute begins 6 s
+    after the start of braking from `speed` [m/s].
     """
     twists = [(*(speed * direction), 0.3) for direction in _DIRECTIONS]
     stops = [trials.Trial("stop", twist=twist, pedal=1.0) for twist in twists]

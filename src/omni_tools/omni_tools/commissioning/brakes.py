@@ -202,11 +202,13 @@ def _late(response: Response) -> int:
 
 
 def exchanged(response: Response) -> tuple[int, int] | None:
-    """Return the indices of two exchanged brakes; None if the described order fits best.
+    """Return the indices of two exchanged brakes; None if no exchange is found.
 
     For each wheel, measured and predicted torque are correlated. The mean over all wheels is
-    subtracted from both before, because the pedal acts on all brakes at once. Of all exchanges of
-    two brakes, the result increases the sum of the correlations most. No brake may then be idle.
+    subtracted from both before, because the pedal acts on all brakes at once. The result is the
+    pair whose exchange increases the sum of the correlations most. It is None if no exchange
+    increases the sum clearly above that of the order in the vehicle's file, or if a brake would
+    be idle even after the exchange.
     """
     late = _late(response)
     pairs = itertools.combinations(range(response.torque.shape[1]), 2)

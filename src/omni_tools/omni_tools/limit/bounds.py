@@ -258,7 +258,7 @@ class _Cases:
         return self._final * share
 
     def deceleration(self, start: float, end: float, torque: float) -> float:
-        """Return the largest deceleration on a segment of the path [m/s^2].
+        """Return an upper bound of the deceleration on a segment of the path [m/s^2].
 
         Args:
             start: position of the start of the segment, as the distance traveled [m].
@@ -297,7 +297,7 @@ class _Straight(_Cases):
         return _strongest([self.limit.strongest(self._direction, Case(friction, True, torque))])
 
     def first(self, angle: float = 0.0, **changes: Any) -> Deceleration | None:
-        """Return the largest deceleration at the start, for a rotated direction of motion.
+        """Return the largest deceleration that the wheels can cause at the start of braking.
 
         Args:
             angle: angle by which the direction of motion differs from that of the maneuver [rad].
@@ -360,7 +360,7 @@ class _OneHeading(_AnyHeading):
 
 
 def _strongest(found: Iterable[Deceleration | None]) -> float:
-    """Return the largest deceleration [m/s^2]; None counts as 0."""
+    """Return the largest of several bounds of the deceleration [m/s^2]; None counts as 0."""
     return max(0.0 if one is None else one.bound for one in found)
 
 

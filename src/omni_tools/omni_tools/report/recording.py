@@ -1,4 +1,4 @@
-"""Data of a recording for a report, including time series that the history does not contain."""
+"""Data that a report shows of a recording: its `RunHistory` and further time series."""
 
 from __future__ import annotations
 
