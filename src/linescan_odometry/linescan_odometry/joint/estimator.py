@@ -44,11 +44,11 @@ class Estimate(NamedTuple):
         value: mean displacement per line [px].
         variance: variance of the displacement [px^2].
         flaw: format string of `reason`, with a replacement field for `features`.
-        features: effective number of independent features that move with the displacement; 0 if the
-            displacement was rejected before the fit.
+        features: effective number of independent features that move with the displacement; 0 if no
+            maximum of the likelihood was found.
         rest: logarithm of the gray levels, minus the fixed pattern, shape (m, n). If the
             displacement was rejected before the fit, the pattern is not subtracted.
-        coherence: coherence between neighboring lines [1].
+        coherence: coherence between neighboring lines [1]; 0 in the same case.
         pattern: fixed pattern after this batch.
     """
 

@@ -259,7 +259,7 @@ def _twist_mistakes(twist: FloatArray, known: FloatArray) -> Iterator[Mistake]:
     distance, angle = known[0, 0], known[2, 2]
     mounting = [*_mounting_mistakes("twist sensor", forward, left, _ALLOWED.heading)]
     yield from mounting
-    if any("off" not in one.name for one in mounting):
+    if np.linalg.det([forward[:2], left[:2]]) < 0.0:  # the axes are mirrored
         return
     remedies = "negate the yaw rate", "check unit and lever of its sensors"
     yield from _scale_mistakes("twist sensor: yaw rate", *remedies, turn[2] / angle)
