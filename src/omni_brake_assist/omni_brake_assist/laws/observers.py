@@ -56,7 +56,7 @@ def observe_wheels(law: Constants, memory: Memory, motion: Motion, error: FloatA
         error[i] = wheel.hub - (1.0 + law.peak_slip[i]) * wheel.speed
         command = command_at(memory.sent, body.steps - 1, body.dead_time / body.dt, i)
         wheel.brake, wheel.mean_brake = lagged(law.brake, wheel.brake, command, body.dt)
-        if not body.responded:
+        if wheel.known and not body.responded:
             model = BrakedWheel(wheel.capacity, law.peak_slip[i], law.wheel_mass[i], wheel.hub)
             after, _ = advance_rim(model, wheel.last_speed, wheel.mean_brake, body.dt)
             expected += wheel.last_speed - after
