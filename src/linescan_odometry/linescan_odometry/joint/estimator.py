@@ -194,7 +194,14 @@ def _estimate(
         layout: sizes of the batch.
         last: displacement per line in the previous batch [px]; NaN without a previous batch.
     """
-    view = _transform(lines, table, camera, pattern, layout, last)
+    logs = spectra.logarithms(lines, table)
+    transformed = spectra.spectra_of(logs, camera.taper, layout.size)
+    products = candidates.correlate(transformed)
+    known = shrink(pattern.information, pattern.precision)
+    found = candidates.find(products, layout, known, camera.weight, last)
+    removed = products.mean if layout.lines >= FEWEST_LINES else known
+    remainder = candidates.subtract(products, layout, removed)
+    view = _View(logs, transformed, products, known, found, remainder)
     d, moves, flaw = _choose(view, layout, last, camera.spread)
     if flaw:
         return Estimate(d, math.inf, flaw, 0.0, view.logs, 0.0, pattern)
@@ -217,26 +224,6 @@ def _estimate(
         )
         variance += candidates.scatter(view.remainder, layout, d, (_LIKELY, _RATIO))
     return Estimate(d, variance, flaw, fit.features, best.rest, fit.coherence, pattern)
-
-
-@kernel
-def _transform(
-    lines: Lines,
-    table: spectra.Floats,
-    camera: _Camera,
-    pattern: FixedPattern,
-    layout: candidates.Layout,
-    last: float,
-) -> _View:
-    """Return a batch in the frequency domain; the arguments are those of `_estimate`."""
-    logs = spectra.logarithms(lines, table)
-    transformed = spectra.spectra_of(logs, camera.taper, layout.size)
-    products = candidates.correlate(transformed)
-    known = shrink(pattern.information, pattern.precision)
-    found = candidates.find(products, layout, known, camera.weight, last)
-    removed = products.mean if layout.lines >= FEWEST_LINES else known
-    remainder = candidates.subtract(products, layout, removed)
-    return _View(logs, transformed, products, known, found, remainder)
 
 
 @kernel
