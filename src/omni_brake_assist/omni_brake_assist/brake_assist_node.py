@@ -251,9 +251,8 @@ class BrakeAssistNode(Node):
     def _report(self, decision: Decision, sources: Sequence[Source]) -> None:
         fault = decision.fault.state if decision.fault is not None else None
         level, words = summary(decision, sources)
-        problem = upwards_problem(self._upwards) if self._upwards is not None else ""
-        if problem:
-            level, words = max(level, WARNING), f"{words}; {problem}"
+        if self._upwards is not None and (problem := upwards_problem(self._upwards)):
+            level, words = max(level, WARNING), f"{words}; {': '.join(problem)}"
         status = Status(
             level,
             words,

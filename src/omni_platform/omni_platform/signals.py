@@ -138,11 +138,9 @@ class LineBatch:
             )
 
 
-def upwards_problem(upwards: float) -> str:
-    """Return a warning if the mean upward specific force [m/s^2] is far from 1 g; else empty."""
+def upwards_problem(upwards: float) -> tuple[str, str] | None:
+    """Return problem and remedy if the mean upward specific force [m/s^2] is far from 1 g."""
     if abs(upwards - _GRAVITY) <= _UPWARDS_TOLERANCE:
-        return ""
-    return (
-        f"imu: specific force upwards {upwards:.2f}, must be {_GRAVITY:g} m/s^2 (REP 145): check "
-        "unit and axes"
-    )
+        return None
+    problem = f"imu: specific force upwards {upwards:.2f}, must be {_GRAVITY:g} m/s^2 (REP 145)"
+    return problem, "check unit and axes"

@@ -224,7 +224,7 @@ def simulator_breaches(seen: Mapping[str, Received], wheels: Sequence[str]) -> I
     if not np.all(np.isfinite(values)):
         yield "imu: yaw rate and specific force must be finite"
     elif forces:
-        problem = upwards_problem(float(np.median(values[:, 2])))
+        problem = ": ".join(upwards_problem(float(np.median(values[:, 2]))) or ())
         yield from filter(None, (problem, _yaw_rate_problem(seen)))
 
 

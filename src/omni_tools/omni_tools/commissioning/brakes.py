@@ -210,14 +210,25 @@ def exchanged(response: Response) -> tuple[int, int] | None:
     increases the sum clearly above that of the order in the vehicle's file, or if a brake would
     be idle even after the exchange.
     """
+    pair, best, least = _best_exchange(response)
+    if best <= least:
+        return None
+    # A brake that has no effect even after the exchange is idle, not exchanged.
+    return pair if idle(response.exchanged(*pair)) is None else None
+
+
+def _best_exchange(response: Response) -> tuple[tuple[int, int], float, float]:
+    """Return the exchange of two brakes that agrees best with the measured torques.
+
+    Returns:
+        Indices of the two brakes, agreement with this exchange, and the agreement that another
+        order of the brakes must exceed.
+    """
     late = _late(response)
     pairs = itertools.combinations(range(response.torque.shape[1]), 2)
     scores = {pair: _agreement(response.exchanged(*pair), late) for pair in pairs}
-    best, described = max(scores, key=lambda pair: scores[pair]), _agreement(response, late)
-    if scores[best] <= max(described, 0.0) + _ALLOWED.gain:
-        return None
-    # A brake that has no effect even after the exchange is idle, not exchanged.
-    return best if idle(response.exchanged(*best)) is None else None
+    best = max(scores, key=lambda pair: scores[pair])
+    return best, scores[best], max(_agreement(response, late), 0.0) + _ALLOWED.gain
 
 
 def _agreement(response: Response, late: int) -> float:
@@ -240,10 +251,8 @@ def inverted(response: Response, inverse: Response) -> bool:
         response: response of the wheels to the enables.
         inverse: response of the wheels to 1 minus the enables.
     """
-    described, opposite = (_agreement(one, _late(one)) for one in (response, inverse))
-    pairs = itertools.combinations(range(response.torque.shape[1]), 2)
-    best = max(_agreement(response.exchanged(*pair), _late(response)) for pair in pairs)
-    return opposite > max(best, max(described, 0.0) + _ALLOWED.gain)
+    _, best, least = _best_exchange(response)
+    return _agreement(inverse, _late(inverse)) > max(best, least)
 
 
 def undistinguished(response: Response) -> list[tuple[int, int]]:

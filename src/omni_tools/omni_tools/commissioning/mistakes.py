@@ -320,10 +320,8 @@ def _mounting_mistakes(
 
 
 def _imu_mistakes(upwards: float, motions: Motions, angle: float) -> Iterator[Mistake]:
-    problem = "" if math.isnan(upwards) else upwards_problem(upwards)
-    if problem:
-        name, _, remedy = problem.rpartition(": ")
-        yield Mistake(name, remedy)
+    if not math.isnan(upwards) and (problem := upwards_problem(upwards)):
+        yield Mistake(*problem)
     turned = float(motions.gyro[2])
     if np.isfinite(turned):
         remedies = "negate it, or mount it upright", "check its unit (rad/s), axes and scale"
