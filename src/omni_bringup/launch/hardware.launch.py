@@ -35,7 +35,7 @@ def start(context: LaunchContext) -> list[Any]:
 
 
 def started(node: HardwareNode, given: dict[str, str]) -> list[Any]:
-    """Return the exit handler of a node, and the node.
+    """Return the launch actions of a node: its exit handler, and the start of the node.
 
     Args:
         node: the node to start.
@@ -59,7 +59,11 @@ def started(node: HardwareNode, given: dict[str, str]) -> list[Any]:
 
 
 def ended(node: HardwareNode, given: dict[str, str], event: Any, context: Any) -> list[Any]:
-    """Restart a node that has ended, or raise an error, which ends the launch."""
+    """Handle the end of a node: return the actions that restart it, or nothing at shutdown.
+
+    Raises:
+        RuntimeError: the node is not restarted; the error ends the launch.
+    """
     if context.is_shutdown:
         return []
     if starts_again(event.returncode, given):

@@ -96,7 +96,10 @@ def _run(words: Sequence[str]) -> int:
 
 @contextmanager
 def _output_to_standard_error() -> Iterator[None]:
-    """Redirect standard output, so that only the JSON document is written to it later."""
+    """Redirect standard output to standard error until the block is left.
+
+    Standard output then contains only the JSON document, which is printed after the block.
+    """
     sys.stdout.flush()
     standard_output = os.dup(1)
     os.dup2(2, 1)
@@ -159,7 +162,15 @@ def _name(program: str) -> str:
 
 
 def _chosen(program: str, group: Any, words: Sequence[str]) -> str:
-    """Return the command that the first word selects; otherwise print help or an error and exit."""
+    """Return the name of a command, which is the first word.
+
+    If the first word is no command, print help or an error, and exit.
+
+    Args:
+        program: name of the program, for messages.
+        group: module with the ``PACKAGE`` of the commands.
+        words: remaining words of the command line.
+    """
     what = "STUDY" if program == "omni study" else "ACTION" if program != "omni" else "COMMAND"
     known = commands.commands_of(group.PACKAGE)
     if words and words[0] in known:

@@ -21,12 +21,12 @@ class Report:
     Attributes:
         name: name of the JSON document; if empty, the document has the name of the command.
         metrics: metrics in the JSON document, keyed by ``quantity.case``.
-        details: further entries of the JSON document.
+        details: further entries of the JSON document, keyed by name.
         text: lines and `rich` tables that are printed without ``--json``; with ``--json``, this
             iterator is not used.
         files: paths of the written files, printed after the text.
         hints: lines printed at the end, such as how to use the files.
-        summary: folder in which the document is stored as ``summary.json``.
+        summary: folder in which the document is stored as ``summary.json``; None not to store it.
         problems: sentences for standard error; if there are any, the exit code is 1.
         ok: whether the result meets the limits in the options; if False, the exit code is 1.
     """

@@ -17,10 +17,12 @@ if TYPE_CHECKING:
 
 
 def run_sweep(options: Any, workspace: Workspace) -> Report:
-    """Run all combinations in one process.
+    """Run an experiment with all combinations of the given values; write table and figure.
+
+    The runs take place in this process, without the ROS graph.
 
     Args:
-        options: options of ``omni run``.
+        options: options of ``omni run``, in which ``--set`` gives several values of a key.
         workspace: workspace with the folder `config`.
     """
     from omni_bringup.graph.run_folder import time_in_name, unused
@@ -69,7 +71,10 @@ def run_sweep(options: Any, workspace: Workspace) -> Report:
 def _configurations(
     options: Any, workspace: Workspace
 ) -> list[tuple[str, dict[str, str], ExperimentConfiguration]]:
-    """Return the configurations of all combinations, checked before the first run."""
+    """Return variant, swept values and configuration of each run, all checked before the first run.
+
+    The swept values are texts, keyed by dotted key.
+    """
     from omni_loop.ground_choice import ground_overrides, prepare_grounds
     from omni_loop.sweep import combinations
     from omni_sim.texture.cache import TextureCache

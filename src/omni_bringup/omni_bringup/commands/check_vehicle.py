@@ -32,7 +32,7 @@ class Options(CommandOptions):
 
     recording: Path = option(positional=True, metavar="RECORDING")
     """rosbag2 folder with wheel_states and brake/pedal; odometry/twist, imu and brake/enable are
-    checked if they are recorded. `live` to receive the motion from the running vehicle, in the
+    checked if they are recorded; or `live` to receive the motion from the running vehicle, in the
     domain of ROS_DOMAIN_ID"""
     vehicle: str = option(metavar="NAME")
     """a file of config/vehicles/, a path, or the folder of a vehicle"""

@@ -58,7 +58,7 @@ class Options(Configuration):
     out: Path | None = option(None, metavar="DIR")
     """record the drive to this rosbag2 folder"""
     lines: bool = option(False)
-    """also record the lines of the cameras, which a replay needs: 1 MB/s"""
+    """also record the lines of the cameras (1 MB/s), which a replay of the odometry needs"""
 
 
 def run(options: Options, workspace: Workspace) -> command_report.Report:
@@ -128,7 +128,7 @@ def _is_local(host: str) -> bool:
 def _choices(
     library: ExperimentLibrary, options: Options, configuration: ExperimentConfiguration
 ) -> dict[str, Any]:
-    """Return the parameters of the driver node that define the choices on its page."""
+    """Return the driver node's parameters for the choices on its page, keyed by parameter name."""
     from omni_brake_assist.configuration import LAWS
 
     offered = {
@@ -169,9 +169,9 @@ def _compose(
 
 
 def _at_full_stick(configuration: ExperimentConfiguration, speed: float) -> ExperimentConfiguration:
-    """Return the configuration with a scripted motion that replaces full deflection of the stick.
+    """Return the configuration with a scripted motion at the speed of full stick deflection.
 
-    The check for implausible values needs a scripted motion.
+    The check for implausible values uses this motion, because a person's motion is not known.
 
     Args:
         configuration: configuration of the whole loop.

@@ -100,7 +100,10 @@ def run(options: Options, workspace: Workspace) -> Report:
 def _question(options: Options, library: ExperimentLibrary) -> tuple[str, Load]:
     """Return the name of the given experiment or vehicle, and a function that loads it.
 
-    The argument of this function is a sequence of overrides, ``dotted.key=value`` texts.
+    The function has one argument: a sequence of further overrides, ``dotted.key=value`` texts.
+
+    Raises:
+        ConfigurationError: options contradict each other.
     """
     keys = {
         "speed": "maneuver.speed",

@@ -44,7 +44,7 @@ def run(options: Options, workspace: Workspace) -> Report:
 
 
 def names_of(kind: str, workspace: Path) -> dict[str, str]:
-    """Return names and descriptions of the items of a kind, one of `EVERY`."""
+    """Return the descriptions of the items of a kind (one of `EVERY`), keyed by name."""
     if kind == STUDIES:
         return commands_of("omni_studies.studies")
     if kind == LAWS:

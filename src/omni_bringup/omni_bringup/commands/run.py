@@ -79,7 +79,7 @@ def run(options: Options, workspace: Workspace) -> command_report.Report:
 def _checked_configurations(
     options: Options, workspace: Workspace
 ) -> dict[str, ExperimentConfiguration]:
-    """Return the configurations of all variants, checked before anything starts."""
+    """Return the checked configurations of all variants to run, keyed by variant."""
     from omni_loop.ground_choice import ground_overrides, prepare_grounds
     from omni_sim.texture.cache import TextureCache
 

@@ -83,9 +83,9 @@ def _is_inhabited(ports: set[int], number: int) -> bool:
 def _take(mark: socket.socket, number: int) -> bool:
     """Mark a domain as used until the socket closes; return False if it is already in use.
 
-    The mark is a name in Linux's abstract socket namespace. Unlike a lock file, the name has no
-    owner who could lock out other users. It is visible only in the network namespace in which the
-    domains are shared, and it disappears when the process ends.
+    The mark is the name of the socket in Linux's abstract namespace. Unlike a lock file, the name
+    has no owner who could lock out other users, and it disappears when the process ends. Processes
+    see the name if they are in the same network namespace, in which they also share the domains.
     """
     try:
         mark.bind(f"\0omni-ros-domain-{number}")

@@ -111,7 +111,7 @@ class RunningProcess:
 
     @property
     def is_halted(self) -> bool:
-        """Whether the process is stopped by a signal."""
+        """Whether the process is halted at present by a signal such as SIGSTOP."""
         try:
             state = Path(f"/proc/{self.pid}/stat").read_text()
         except OSError:  # it has ended
@@ -120,7 +120,7 @@ class RunningProcess:
 
     @property
     def was_halted(self) -> bool:
-        """Whether the process is or was stopped by a signal such as SIGSTOP."""
+        """Whether the process is, or was at any time, halted by a signal such as SIGSTOP."""
         self._note_halts()
         return self._halted
 
@@ -150,7 +150,10 @@ class RunningProcess:
             os.kill(self.pid, number)
 
     def request_stop(self) -> None:
-        """Request the end of the process; a second request ends the wait for subscribers."""
+        """Request the end of the process by SIGTERM.
+
+        After a second request, a node no longer waits for acknowledgments of its subscribers.
+        """
         self._note_halts()  # read now, because SIGCONT would clear this state
         self.signal(signal.SIGTERM)
         self.signal(signal.SIGCONT)  # a halted process could not end
@@ -219,10 +222,10 @@ class ProcessGroup:
     def stop(self) -> None:
         """End all processes, in reverse order of their start.
 
-        After a failure of one process, others may wait for acknowledgments that never arrive. All
-        processes except the first are then requested to end simultaneously. If the first (the
-        recorder) has already ended, the others receive a second request after a short common
-        timeout, so that they stop waiting.
+        After a failure of one process, others may wait for acknowledgments that never arrive.
+        Therefore all processes except the first then receive the request to end at the same time.
+        If the first process (the recorder) has already ended, the others receive a second request
+        after 0.5 s, so that they stop waiting.
         """
         if any(process.returncode not in (None, 0) for process in self.running):
             senders = self.running[1:]
@@ -284,7 +287,11 @@ def describe_end(process: RunningProcess) -> str:
 
 @contextlib.contextmanager
 def _interrupt_deferred(*, repeated: bool = False) -> Iterator[None]:
-    """Defer signals until the block is left; repeated signals are ignored."""
+    """Defer SIGINT and SIGTERM until the block is left; only the first one then takes effect.
+
+    Args:
+        repeated: whether an earlier signal is being handled already; all signals are then ignored.
+    """
     arrived: list[int] = []
     numbers = (signal.SIGINT, signal.SIGTERM)
     previous = {n: signal.signal(n, lambda number, _: arrived.append(number)) for n in numbers}

@@ -84,7 +84,7 @@ def _has_end(path: Path) -> bool:
 
 
 def versions() -> dict[str, str]:
-    """Return the versions of Python, the packages and the ROS middleware."""
+    """Return the versions of Python, the packages and the ROS middleware, keyed by name."""
     found = {"python": platform.python_version(), "machine": platform.machine()}
     for name in _DISTRIBUTIONS:
         try:

@@ -256,7 +256,7 @@ def _gap_breaches(exchange: Exchange, limit_ns: int) -> Iterator[str]:
 
 
 def _yaw_rate_problem(seen: Mapping[str, Received]) -> str:
-    """Return how the yaw rates of twist and IMU disagree; empty if they agree."""
+    """Return a sentence if the yaw rates of twist and IMU disagree; otherwise an empty text."""
     imu = [message for _, message in seen["imu"].messages]
     twists = [message for _, message in seen["twist"].messages if _is_measured(message)]
     if not twists:
@@ -318,7 +318,7 @@ def _stream_breaches(key: str, received: Received, clock: Received) -> Iterator[
 
 
 def _after(exchange: Exchange, phase: str) -> list[Answer]:
-    """Return the answers of a phase that follow its fault by more than the recovery time."""
+    """Return the answers of a phase after its fault and the subsequent recovery time."""
     limit = exchange.faults[phase][1] + round(CONTRACT.recovery * SECOND_NS)
     return [one for one in exchange.answers if one.phase == phase and one.stamp_ns > limit]
 

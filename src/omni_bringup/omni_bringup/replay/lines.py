@@ -62,7 +62,7 @@ def recorded_cameras(bag: Bag, sensors: Iterable[str]) -> list[str]:
 def read_batches(
     bag: Bag, sensors: Iterable[str], start: float = 0.0, duration: float = float("inf")
 ) -> dict[str, list[LineBatch]]:
-    """Return the batches of the cameras in a recording, oldest first.
+    """Return the recorded batches of lines, oldest first, keyed by camera name.
 
     Args:
         bag: the recording.

@@ -22,8 +22,8 @@ class ReplayPlan:
     Attributes:
         configuration: configuration of the nodes.
         nodes: names of the nodes to run, from `NODES`.
-        inputs: message type of each topic that is read from the recording.
-        outputs: message type of each topic that the nodes publish.
+        inputs: message types of the topics that are read from the recording, keyed by topic.
+        outputs: message types of the topics that the nodes publish, keyed by topic.
     """
 
     configuration: ExperimentConfiguration

@@ -1,8 +1,8 @@
 """Node that publishes recorded messages unchanged to nodes that process them again.
 
-A round consists of one message of each topic. It is sent when the result of the previous round has
-arrived. Messages of one topic therefore cannot overtake messages of another topic, no queue
-overflows, and the results do not depend on the speed of the replay. If no result arrives, for
+A round consists of at most one message of each topic. It is sent when the result of the previous
+round has arrived. Messages of one topic therefore cannot overtake messages of another topic, no
+queue overflows, and the results do not depend on the speed of the replay. If no result arrives, for
 example because a sensor is missing, the next round is sent after a timeout. At the end the node
 reports ``{"published": {topic: count}, "results": ..., "timeouts": count}``, see `omni_ros.report`.
 """
@@ -86,7 +86,7 @@ class PlayerNode(Node):
             )
 
     def publish_round(self, messages: list[mcap.RecordedMessage]) -> None:
-        """Publish the clock, then one message of each topic."""
+        """Publish the clock, then the messages of a round."""
         self.clock.publish(Clock(clock=to_time(messages[0].log_ns)))
         for message in messages:
             self.inputs[message.channel.topic].publish(message.data)

@@ -68,7 +68,7 @@ def read_reference(
 
 
 def _means(time: FloatArray, pose: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the mean twists over intervals between poses; short shocks hardly affect these means.
+    """Return the mean twist between each pose and the next; short shocks hardly affect it.
 
     Args:
         time: times of the poses [s], shape (K,).
@@ -92,7 +92,7 @@ def _means(time: FloatArray, pose: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def _accelerating(time: FloatArray, twist: FloatArray, steady: float = 1.0) -> NDArray[np.bool_]:
-    """Return whether wheels may slip at each sample because of the acceleration, shape (K,).
+    """Return for each sample whether the acceleration is so large that wheels may slip, shape (K,).
 
     Args:
         time: times [s], shape (K,).
