@@ -172,7 +172,7 @@ def mean_shares(stop: StopEquations, dead_time: float, time_constant: float) -> 
     begins, changes = stop.data.command_time[1:][news] + dead_time, changes[news]
 
     def risen(time: FloatArray) -> FloatArray:
-        """Return the integrals of the pressure changes up to K times [s], shape (K, N)."""
+        """Return the time integral of the pressure changes up to each time [s], shape (K, N)."""
         since = np.maximum(time[:, np.newaxis] - begins, 0.0)
         return np.asarray((since + tau * np.expm1(-since / tau)) @ changes)
 
@@ -305,7 +305,7 @@ def _search(equations: Sequence[StopEquations]) -> Any:
     from scipy.optimize import least_squares
 
     def start(times: tuple[float, float]) -> tuple[float, float, float, float]:
-        """Return the smallest sum of squares over the torque, this torque, and the given times."""
+        """Return the smallest sum of squares for these times, its torque, and the times."""
         nothing = _differences(equations, np.array([0.0, *times]))
         one = _differences(equations, np.array([1.0, *times])) - nothing
         torque = max(-float(one @ nothing) / max(float(one @ one), 1e-300), 0.0)
@@ -328,9 +328,10 @@ def _search(equations: Sequence[StopEquations]) -> Any:
 def _standard_errors(jacobian: FloatArray, left: FloatArray) -> FloatArray:
     """Return standard errors of P unknowns, shape (P,).
 
-    Correlated residuals contain less information than the same number of independent residuals. The
-    influence of each row on an unknown is therefore summed with its autocovariance up to the first
-    zero (White 1980, Bartlett 1946).
+    Correlated residuals contain less information than the same number of independent residuals.
+    Therefore the variance of an unknown also includes the autocovariances of the rows' influences
+    on this unknown, up to the first lag without positive autocovariance (White 1980, Bartlett
+    1946).
 
     Args:
         jacobian: derivatives of the residuals with respect to the unknowns, shape (K, 3, P).
@@ -352,7 +353,7 @@ def _standard_errors(jacobian: FloatArray, left: FloatArray) -> FloatArray:
 def _wheel_torques(
     equations: Sequence[StopEquations], dead_time: float, time_constant: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Return a separate torque for the brake of each wheel, for fixed times.
+    """Return a separate torque for the brake of each wheel, with equal and fixed times.
 
     Args:
         equations: equations of the stops.

@@ -224,7 +224,10 @@ class _Chunks:
     def taking(
         self, take: Callable[[list[Row]], None]
     ) -> Callable[[tuple[list[Row], float]], None]:
-        """Return a callback for the result of a chunk, which stores rows and adapts chunk sizes."""
+        """Return a callback for finished chunks.
+
+        It passes their rows to `take`, and adapts the size of later chunks to their duration.
+        """
 
         def learn(answer: tuple[list[Row], float]) -> None:
             rows, duration = answer

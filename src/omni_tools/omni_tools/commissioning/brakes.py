@@ -221,8 +221,8 @@ def _best_exchange(response: Response) -> tuple[tuple[int, int], float, float]:
     """Return the exchange of two brakes that agrees best with the measured torques.
 
     Returns:
-        Indices of the two brakes, agreement with this exchange, and the agreement that another
-        order of the brakes must exceed.
+        Indices of the two brakes; agreement (`_agreement`) after this exchange; limit that the
+        agreement must exceed, so that the order in the vehicle's file counts as wrong.
     """
     late = _late(response)
     pairs = itertools.combinations(range(response.torque.shape[1]), 2)
@@ -232,7 +232,7 @@ def _best_exchange(response: Response) -> tuple[tuple[int, int], float, float]:
 
 
 def _agreement(response: Response, late: int) -> float:
-    """Return the sum over all wheels of the correlation of measured and predicted torques.
+    """Return the correlation of measured and predicted torque [1], summed over all wheels.
 
     `late` is the result of `_late`.
     """
@@ -245,7 +245,9 @@ def _agreement(response: Response, late: int) -> float:
 
 
 def inverted(response: Response, inverse: Response) -> bool:
-    """Return whether the inverse enables agree better with the brakes than any order of enables.
+    """Return whether the measured torques agree best with the inverse of the enables.
+
+    The alternatives are the enables in the order of the vehicle's file and with any two exchanged.
 
     Args:
         response: response of the wheels to the enables.
@@ -298,9 +300,10 @@ def _without_mean(values: FloatArray, used: BoolArray) -> FloatArray:
 
 
 def _correlation(rows: FloatArray, columns: FloatArray) -> FloatArray:
-    """Return the correlation of each column of `rows` with each column of `columns`.
+    """Return the correlation of each column of `rows` with each column of `columns` [1].
 
-    It is 0 for a constant column, or if there are no rows.
+    The shape is (columns of `rows`, columns of `columns`). The correlation is 0 for a constant
+    column, or if there are no rows.
     """
     if not len(rows):
         return np.zeros((rows.shape[1], columns.shape[1]))

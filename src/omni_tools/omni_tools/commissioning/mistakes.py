@@ -58,8 +58,8 @@ class Mistake(NamedTuple):
     Attributes:
         name: name of the error and of the wheel or sensor concerned.
         remedy: advice on what to change in the description.
-        wheels: corrected wheels if the error concerns wheels.
-        dead_time: corrected dead time of the brakes [s] if the error concerns the dead time.
+        wheels: corrected wheels, keyed by name; None if the error does not concern wheels.
+        dead_time: corrected dead time of the brakes [s]; None if the dead time is not wrong.
     """
 
     name: str
@@ -99,7 +99,7 @@ def find_mistakes(
 
 
 def corrected(vehicle: Mapping[str, Any], mistakes: Iterable[Mistake]) -> dict[str, Any]:
-    """Return the values of a vehicle's file after correction of the errors.
+    """Return the nested values of a vehicle's file after correction of the errors.
 
     Args:
         vehicle: values of the file.
@@ -128,7 +128,7 @@ def _misfit(wheels: Mapping[str, WheelMount], angle: FloatArray, known: FloatArr
     Args:
         wheels: wheels that predict the angles.
         angle: measured angle of each wheel in each motion [rad], shape (3, N).
-        known: motions as in `_predicted`.
+        known: known displacement x, y [m] and rotation [rad] in each motion, shape (3, 3).
     """
     try:
         predicted = _predicted(wheels, known)
@@ -141,12 +141,15 @@ def _misfit(wheels: Mapping[str, WheelMount], angle: FloatArray, known: FloatArr
 def _wheel_mistakes(
     wheels: Mapping[str, WheelMount], angle: FloatArray, known: FloatArray
 ) -> list[Mistake]:
-    """Return the errors of encoders, then a single error of the wheels, or else one of each wheel.
+    """Return the errors of the encoders and of the description of the wheels.
+
+    After correction of the encoders, a single error that explains all angles is searched for. If
+    there is none and no encoder is wrong, an error of each wheel is searched for.
 
     Args:
         wheels: wheels as described in the vehicle's file.
         angle: measured angles as in `_misfit`.
-        known: motions as in `_predicted`.
+        known: motions as in `_misfit`.
     """
     names, predicted = [f"wheel {name}" for name in wheels], _predicted(wheels, known)
     # In a straight motion, position and signs do not change the sum of squares of the speeds.
@@ -183,7 +186,7 @@ def _wheel_mistakes(
 def _several(
     wheels: Mapping[str, WheelMount], angle: FloatArray, known: FloatArray
 ) -> list[Mistake]:
-    """Return an error for each wheel that has one; nothing if they do not explain all angles."""
+    """Return one error for each wrong wheel; an empty list if these do not explain all angles."""
     described = dict(wheels)
     found: list[tuple[str, str]] = []
     scale = _scale(wheels, angle, known)
@@ -297,9 +300,9 @@ def _mounting_mistakes(
 
     Args:
         sensor: name of the sensor.
-        forward: vector that the sensor measures where the true one points forward, shape (2,) or
-            more.
-        left: the same for a vector to the left.
+        forward: x and y that the sensor measures while the true vector points forward; further
+            components are ignored.
+        left: x and y that the sensor measures while the true vector points to the left.
         tolerance: limit on the error of the mounting angle [rad].
     """
     heading = math.atan2(forward[1], forward[0])

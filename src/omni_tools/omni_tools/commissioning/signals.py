@@ -63,10 +63,9 @@ class Motions(NamedTuple):
         angle: angle by which each wheel turned [rad], shape (3, N).
         twist: integral of the measured twist [m, m, rad], shape (3, 3).
         gyro: integral of the gyro's yaw rate [rad], shape (3,).
-        force: acceleration along x and y at the start of each motion by the IMU [m/s^2], shape
-            (3, 2).
-        stop: range of the rows with all stops, from the start of the fourth motion to the last time
-            at rest.
+        force: acceleration along x and y that the IMU measures at the start of each motion [m/s^2],
+            shape (3, 2).
+        stop: rows of all stops, from the start of the fourth motion to the end of the last stop.
     """
 
     angle: quantities.FloatArray
@@ -172,7 +171,7 @@ def _check_completeness(states: Stream, wheels: Sequence[str]) -> None:
 
 
 def _by_wheel(stream: Stream, field: str, wheels: Sequence[str]) -> quantities.FloatArray:
-    """Return a field of all messages, one column per wheel; NaN if a message omits a wheel."""
+    """Return a field of all messages, shape (messages, wheels); NaN if a message omits a wheel."""
     found = [
         dict(zip(message.name, getattr(message, field), strict=False))
         for message in stream.messages

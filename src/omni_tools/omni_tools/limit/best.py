@@ -10,7 +10,7 @@ ends at `Transcription.end_speed`, and the remaining distance is computed with t
 of the stop.
 
 A local optimum does not prove that no shorter stop exists. `bounds` computes a certified lower
-bound; the true minimum is between the two.
+bound. The true minimum is between this bound and the distance of the planned stop.
 """
 
 import importlib
@@ -213,7 +213,7 @@ class OptimalStop:
         return np.array((x + a_x, y + a_y, yaw, v_x - rate * c_y, v_y + rate * c_x, rate))
 
     def _fit(self) -> _Tire:
-        """Return a smooth tire with slope, peaks and sliding force of the vehicle's tire."""
+        """Return a smooth tire model with slope, peaks and sliding force of the vehicle's tire."""
         tire = self._vehicle.tire
         loads = np.linspace(0.05, 1.0, 20) * tire.largest_load
         curves = [curve_at(tire.kernel_parameters, float(load), 1.0) for load in loads]
@@ -230,7 +230,10 @@ class OptimalStop:
         )
 
     def _start_of(self, maneuver: bounds.Maneuver) -> FloatArray:
-        """Return the state (as in `Plan.state`) at the start of braking, with rolling wheels."""
+        """Return the state (a row of `Plan.state`) at the start of braking, with rolling wheels.
+
+        The rolling direction of each wheel is stored for the equations of motion.
+        """
         geometry = self._geometry
         sliding = geometry.active @ maneuver.twist[:2] + maneuver.twist[2] * geometry.lever
         spin = sliding / geometry.rim

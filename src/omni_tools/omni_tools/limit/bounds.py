@@ -218,7 +218,10 @@ class _Cases:
         self._step = max(math.hypot(*maneuver.twist[:2]) ** 2 / (2.0 * 3.0) / _PLACES, 1e-3)
 
     def distance(self, speed: float) -> float:
-        """Return the distance to rest from a speed [m/s], at the largest decelerations [m]."""
+        """Return the distance to rest from a speed [m/s] at the largest decelerations [m].
+
+        It is infinite if the vehicle does not come to rest.
+        """
         enough, final = self._enough_torque, self._final
         distance = time = 0.0
         while speed > 0.0:
@@ -272,7 +275,10 @@ class _Cases:
         return self._solved[key]
 
     def friction(self, start: float, end: float) -> FloatArray:
-        """Return the largest friction factor under each wheel on a segment of the path [1]."""
+        """Return the largest friction factor under each wheel on a path segment [1], shape (N,).
+
+        The arguments are those of `deceleration`.
+        """
         raise NotImplementedError
 
     def _solve(self, friction: FloatArray, torque: float) -> float:
@@ -298,6 +304,8 @@ class _Straight(_Cases):
 
     def first(self, angle: float = 0.0, **changes: Any) -> Deceleration | None:
         """Return the largest deceleration that the wheels can cause at the start of braking.
+
+        The result is None if no admissible forces exist.
 
         Args:
             angle: angle by which the direction of motion differs from that of the maneuver [rad].
@@ -345,7 +353,10 @@ class _AnyHeading(_Cases):
 
 
 class _OneHeading(_AnyHeading):
-    """Stops with a constant heading: the one of `_SKETCHED` headings that decelerates most."""
+    """Stops with one constant heading, for the upper estimate of the bound.
+
+    It is the one of `_SKETCHED` equally spaced headings with the largest deceleration.
+    """
 
     _heading: FloatArray | None = None
 

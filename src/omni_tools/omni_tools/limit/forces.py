@@ -48,8 +48,9 @@ class Deceleration(NamedTuple):
     Attributes:
         bound: upper bound of the deceleration for all admissible forces, from the dual program
             [m/s^2].
-        feasible: deceleration with feasible forces [m/s^2].
-        force: feasible forces [N], shape (N,).
+        feasible: deceleration with forces that obey the friction limit [m/s^2].
+        force: forces of the primal solution [N], which may slightly exceed the friction limit,
+            shape (N,).
         load: wheel loads under these forces [N], shape (N,).
     """
 
@@ -87,7 +88,8 @@ class LimitVehicle:
         position: position of the wheels in the body frame [m], shape (N, 2).
         active: active directions [1], shape (N, 2).
         lever: lever of the active directions about the center of gravity [m], shape (N,).
-        torque_force: limit on the force of each wheel per commanded brake torque [1/m], shape (N,).
+        torque_force: ratio of the largest force of each wheel to the torque of its brake [1/m],
+            shape (N,).
         grip: factor on the friction between each wheel and the ground [1], shape (N,).
         strongest_peak: largest peak force of the tire at any load on ground with the friction
             factor 1 [N].
@@ -120,13 +122,13 @@ class LimitVehicle:
         self.strongest_peak = float(self._offset[-1])
 
     def peak(self, load: FloatArray) -> FloatArray:
-        """Return the peak tire force ``P`` [N] at loads [N] on ground with friction factor 1."""
+        """Return the peak force ``P`` [N] at M loads [N] for the friction factor 1, shape (M,)."""
         clamped = np.clip(load, 0.0, self._tire.largest_load)
         constants = self._tire.kernel_parameters
         return np.array([curve_at(constants, float(one), 1.0).peak_force for one in clamped])
 
     def _tangents(self) -> tuple[FloatArray, FloatArray]:
-        """Return slopes [1] and offsets [N] of lines that are above ``P`` everywhere."""
+        """Return slopes [1] and offsets [N] of T lines above the curve ``P``, shape (T,) each."""
         fine = np.linspace(0.0, self._tire.largest_load, 16 * (_TANGENTS - 1) + 1)
         peak = self.peak(fine)
         slope = np.maximum(np.gradient(peak, fine)[8::16], 0.0)
@@ -226,7 +228,7 @@ class LimitVehicle:
     def _kinds(self, friction: FloatArray) -> list[tuple[int, int | None]]:
         """Return the load models for which the program is solved.
 
-        Each comes with the index of a wheel that lifts off; None if no wheel lifts off.
+        Each model is paired with the index of a wheel that lifts off; None if no wheel lifts off.
         """
         reach = self.masses.height / loads.GRAVITY * self.any_load_bound(friction)
         sides = cross(self._edge, -self._hull) / np.linalg.norm(self._edge, axis=1)

@@ -11,11 +11,11 @@ This is linear in c. Straight, sideways and turning motions together determine c
 not affect the measurement and keeps its configured value. Mirrored lines, from a mirror or a camera
 mounted the other way round, change phi by 180 deg.
 
-The configured values are used as one observation of each coefficient, with a standard deviation of
-a third of 1 / p, or of 0.3 m for the lever arm. A coefficient that the recordings determine less
-accurately than this observation keeps its configured value. The fit is robust (Huber). Its standard
-errors are cluster-robust (Liang and Zeger 1986), because the errors of neighboring batches are not
-independent.
+The configured values are used as one observation of each coefficient. Its standard deviation is a
+third of 1 / p for c_1 and c_2, and 0.3 m / p for c_3. A coefficient keeps its configured value
+unless the recordings determine it much more accurately than this observation. The fit is robust
+(Huber). Its standard errors are cluster-robust (Liang and Zeger 1986), because the errors of
+neighboring batches are not independent.
 """
 
 import dataclasses
@@ -64,9 +64,10 @@ class Calibration(NamedTuple):
     Attributes:
         nominal: camera as configured.
         sensor: camera after calibration.
-        error: standard errors of the `QUANTITIES` [m, rad, m, 1/s], shape (4,).
+        error: standard errors [m, rad, m, 1/s], keyed by the names in `QUANTITIES`.
         mirrored: whether the direction of the lines is opposite to the configured axis.
-        unseen: descriptions of those quantities that the recordings do not determine.
+        unseen: motions, such as ``turning``, that the recordings lack. Without such a motion, the
+            corresponding coefficient c is not determined.
         drives: measurements of the recordings that contain this camera.
         residual: residuals of the velocity along the axis [m/s], an array of shape (m,) for each
             recording.
@@ -195,7 +196,7 @@ def calibrate(
 def _determined(
     twist: FloatArray, pixels: FloatArray, start: FloatArray, prior: FloatArray, seen_below: float
 ) -> tuple[FloatArray, FloatArray, BoolArray]:
-    """Return the coefficients c, their covariance, and whether the recordings determine each one.
+    """Return the coefficients c and their covariance, and whether each coefficient is determined.
 
     The argument `seen_below` is that of `calibrate`; all others are those of `_fit`.
     """

@@ -142,8 +142,8 @@ class Matches(NamedTuple):
 def _whole_error(shift: FloatArray | IntArray, truth: FloatArray) -> FloatArray:
     """Return measured minus rounded true displacements [px].
 
-    A true displacement near the middle between two integers has two valid roundings. Of the
-    integers within 0.55 px, the integer nearer to the measurement is used.
+    A true displacement near the middle between two integers has two valid roundings. The error is
+    therefore 0 if the measurement is within 0.55 px of the true displacement.
     """
     return np.where(np.abs(shift - truth) <= 0.55, 0.0, shift - np.round(truth))
 

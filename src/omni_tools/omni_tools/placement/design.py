@@ -123,8 +123,7 @@ class DesignTask:
         redundant: whether to minimize the error after the failure of the most important camera.
         given: further placements to evaluate, keyed by name.
         seed: seed of the search and the trials.
-        batches: number of line batches in each trial: one orientation with one direction of motion
-            or one motion of the mix.
+        batches: number of line batches for each combination of orientation and motion.
     """
 
     area: mounting_area.MountingArea
@@ -144,7 +143,7 @@ class Design(NamedTuple):
 
     Attributes:
         trial: measured errors of one camera, and the error model fitted to them.
-        criterion: mean twist error, which the search minimized.
+        criterion: mean twist error, by which the placements are evaluated.
         found: result of the search.
         placements: the best placement, the given placements, the placement with the smallest
             condition number, and common placements.
@@ -157,7 +156,7 @@ class Design(NamedTuple):
 
     @property
     def best(self) -> criteria.EvaluatedPlacement:
-        """Best placement that the search found: the one with the smallest mean twist error."""
+        """Best placement that the search found."""
         return self.placements[0]
 
     def placement(self, name: str) -> criteria.EvaluatedPlacement:

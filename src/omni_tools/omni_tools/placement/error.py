@@ -248,7 +248,7 @@ class EvaluatedPlacement(NamedTuple):
         mean_error: mean twist error E [m/s]; infinite if the placement is singular.
         deviation: standard deviations of v_x, v_y [m/s] and yaw rate [rad/s], as RMS over the mix
             of motions, shape (3,).
-        by_motion: twist error of each motion of the mix [m/s], shape (M,).
+        by_motion: twist error of each motion of the mix [m/s], keyed by motion.
         without: mean twist error E after the failure of each camera [m/s], shape (N,); infinite if
             the placement of the remaining cameras is singular.
         condition: condition number of the sensor matrix in SI units [1].

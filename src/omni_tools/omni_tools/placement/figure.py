@@ -75,7 +75,7 @@ def placement_figure(
 def _limits(
     placements: Sequence[EvaluatedPlacement], area: MountingArea
 ) -> tuple[FloatArray, FloatArray]:
-    """Return two opposite corners of the area that every panel shows [m]."""
+    """Return two opposite corners of the area that every panel shows [m], shape (2,) each."""
     housings = [
         area.outline(pose, housing=True)
         for placement in placements

@@ -161,7 +161,10 @@ def search(
 
 
 def _layouts(count: int) -> list[tuple[str, tuple[_Unit, ...]]]:
-    """Return the arrangements of `count` cameras to search, each after a text on its symmetry."""
+    """Return the arrangements of `count` cameras to search.
+
+    An arrangement consists of a text that describes its symmetry, and of its units.
+    """
     layouts: list[tuple[str, tuple[_Unit, ...]]] = [("", (_Unit(),) * count)]
     for words, image, free in (
         ("symmetric left to right", _LEFT_RIGHT, (True, False, False)),

@@ -141,15 +141,15 @@ class ReportedRun:
 
 
 def stops_apart(whole: ReportedRun) -> list[ReportedRun]:
-    """Return a run for each stop of a recording, for a report."""
+    """Return each stop of a recording as a run of its own, for a report."""
     return [_part(whole, stop, words) for words, stop in _named_stops(whole.history, whole.name)]
 
 
 def compared_runs(path: Path, name: str) -> dict[str, dict[str, Metric]]:
-    """Return the metrics of each stop of a recording, with the drift of the odometry.
+    """Return the metrics of each stop of a recording and the odometry drift, keyed by stop name.
 
-    For a recording with several stops, the result also has an entry for the whole recording with
-    its length, time and drift.
+    For a recording with several stops, the result also has an entry for the whole recording, with
+    the number of stops, the length of the path, and the drift.
 
     Args:
         path: rosbag2 folder, or a single ``.mcap`` file.

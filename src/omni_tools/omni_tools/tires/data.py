@@ -67,7 +67,7 @@ def read_tire_data(path: Path) -> TireData:
 
 
 def _find_columns(header: list[str]) -> dict[str, int]:
-    """Return the index of each required column."""
+    """Return the index of each required column, keyed by name."""
     names = [name.strip().lower() for name in header]
     known = [_UNITS.get(name, name) for name in names]
     for column in _COLUMNS:

@@ -120,7 +120,7 @@ def _require_excitation(data: TireData, model: str, recipe: FitRecipe, spread: f
 
 
 def _search(data: TireData, recipe: FitRecipe, largest_load: float) -> Any:
-    """Return SciPy's result for the best of several searches."""
+    """Return SciPy's result for the best of several searches with different initial values."""
     # Imported here, because only fits need this slow import.
     from scipy.optimize import least_squares
 
@@ -190,7 +190,7 @@ def _slope_and_peak(data: TireData, rows: NDArray[np.bool_]) -> tuple[float, flo
 
 
 def _require_description(data: TireData, model: str, residual: float, largest: float = 0.5) -> None:
-    """Check that the residual does not exceed a share `largest` of the force."""
+    """Raise `WorkError` if the residual [N] exceeds the share `largest` of the RMS force."""
     size = float(np.sqrt(np.mean(data.force**2)))
     if residual > largest * size:
         raise WorkError(
@@ -200,7 +200,7 @@ def _require_description(data: TireData, model: str, residual: float, largest: f
 
 
 def _require_peak(data: TireData, configuration: TireConfiguration) -> None:
-    """Check that the peak of the fit is within the measured slips."""
+    """Raise `WorkError` if the slip at the peak of the fit exceeds the measured slips."""
     heavy = data.load >= 0.5 * (np.min(data.load) + np.max(data.load))
     peak = Tire(configuration).curve(float(np.mean(data.load[heavy]))).peak_slip
     largest = float(np.max(np.abs(data.slip[heavy])))
