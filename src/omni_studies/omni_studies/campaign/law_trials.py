@@ -133,7 +133,8 @@ def ablations() -> dict[str, str]:
 def ablation_costs(trials: Sequence[LawTrial], laws: Sequence[str]) -> dict[str, Metric]:
     """Return how much each law changes distance and rotation compared with the first law.
 
-    The trials are divided into two equal sets, and each change is computed for both sets.
+    The trials are divided into two equal sets. The changes of each set are metrics, keyed by name;
+    the last word of a name is the set.
 
     Args:
         trials: all trials of an even number of seeds, in the order of `LawTrials`.
@@ -169,7 +170,7 @@ def removable(metrics: Mapping[str, Metric]) -> list[str]:
 
 
 def compare(trials: Sequence[LawTrial], laws: Sequence[str]) -> dict[str, Metric]:
-    """Return metrics that compare each law with the first law and with all brakes on.
+    """Return metrics, keyed by name, that compare laws with all brakes on and with the first law.
 
     Args:
         trials: all trials of each seed, in the order of `LawTrials`.

@@ -121,11 +121,10 @@ class Stop(NamedTuple):
         rest: whether the vehicle comes to rest, 0 or 1.
         distance: stopping distance, divided by the distance of the reference stop [1].
         rotation: rotation minus the rotation of the reference stop [deg].
-        all_on_rotation: rotation that immediate detection of a brake fault would give, because all
-            brakes are then on from the onset, minus the rotation of the reference stop [deg]; 0 for
-            other faults.
-        assisting: 1 if a brake was released later than 0.5 s after the onset, while the vehicle was
-            faster than 1 m/s, or if the vehicle was no longer that fast; otherwise 0.
+        all_on_rotation: for a brake fault, rotation of a stop with all brakes on from the onset (as
+            after immediate detection) minus the rotation of the reference stop [deg]; otherwise 0.
+        assisting: whether the assistant still released a brake at more than 1 m/s, later than 0.5 s
+            after the onset; also 1 if the vehicle was always slower after this time.
     """
 
     seed: int
@@ -315,7 +314,7 @@ def _range(channel: str, kind: str, axis: int) -> tuple[float, float]:
 
 
 def _configurations(fault: Fault, time: float) -> dict[str, FaultConfiguration]:
-    """Return the faults of all channels.
+    """Return the fault of each affected channel, keyed by channel.
 
     In a pair, both amplitudes are at the same relative position in their logarithmic ranges. The
     axis of a fault is an axis of the twist. For x and y, it is also the axis of the accelerometer;

@@ -31,7 +31,8 @@ class Source:
         kind: error model, wheel odometry, or no twist.
         linear: standard deviation of v_x and v_y [m/s].
         turning: standard deviation of the yaw rate [rad/s].
-        relative: additional standard deviation per speed [1].
+        relative: standard deviation of v_x and v_y as a share of the speed, in addition to `linear`
+            [1].
         scale: standard deviation of the constant scale error [1].
         period: period of the samples [s].
         latency: time from the measurement to the message [s].
@@ -124,7 +125,10 @@ class SourceEstimator:
         self._sampled_ns = _NEVER_NS
 
     def estimate(self, observation: Observation) -> signals.TwistSample:
-        """Return the latest measurement that has arrived; an outdated zero before the first one."""
+        """Return the latest measurement that has arrived.
+
+        Before the first arrival, the result is an unmeasured twist with a very old stamp.
+        """
         now_ns, source = observation.stamp_ns, self._source
         due = now_ns - self._sampled_ns >= round(source.period * 1e9)
         if due and source.kind != NOTHING:

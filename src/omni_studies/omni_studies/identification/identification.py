@@ -145,7 +145,7 @@ def configure(base: ExperimentConfiguration, parameters: Parameters) -> Experime
 
 
 def parameters_of(configuration: ExperimentConfiguration) -> dict[str, float]:
-    """Return the parameters from which `configure` makes this experiment."""
+    """Return the parameters from which `configure` makes this experiment, keyed by name."""
     vehicle, maneuver = configuration.vehicle, configuration.maneuver
     ground = configuration.ground
     mount = next(iter(vehicle.wheels.values()))
@@ -208,10 +208,10 @@ def cost(
     sound: bool = False,
     abort_above: float = 25.0,
 ) -> float:
-    """Return a sum over the deviations from Table 2, each raised to a power [1].
+    """Return the sum of the deviations from Table 2, each raised to the power `exponent` [1].
 
-    A deviation is expressed in multiples of its tolerance. After a case with a very large
-    deviation, the remaining cases are skipped, and each adds a high cost.
+    A deviation is expressed in multiples of its tolerance. After cases with very large deviations,
+    the remaining cases are skipped, and each adds a high cost.
 
     Args:
         bases: variants of ``turn_while_translate``, keyed by case of Table 2.

@@ -44,7 +44,7 @@ class Sensitivity:
         return np.asarray(self.slope / tolerance[:, np.newaxis])
 
     def columns(self) -> dict[str, Any]:
-        """Return table columns with step, slopes and scatters; every parameter is a row."""
+        """Return the columns of a table, keyed by heading; every parameter is a row."""
         return {
             "parameter": list(self.parameters),
             "step": [quantity.step for quantity in identification.QUANTITIES],

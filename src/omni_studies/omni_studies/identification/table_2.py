@@ -44,7 +44,9 @@ def unit(name: str) -> str:
 
 
 def deviations(measured: Mapping[str, float]) -> dict[str, float]:
-    """Return the deviations from the dissertation's numbers, in multiples of the tolerances [1].
+    """Return the deviation from each of the dissertation's numbers, in multiples of its tolerance.
+
+    The deviations are keyed by metric name.
 
     Args:
         measured: simulated values of all metrics in `REFERENCES`, in their units.

@@ -151,7 +151,7 @@ class Tally:
         ratio: error of the velocity along the camera's axis, divided by the standard deviation that
             the odometry states [1]; NaN if unmeasured, shape (m,).
         error: error of the velocity along the camera's axis [m/s], shape (m,).
-        reasons: reasons of unmeasured batches, and remarks on measured batches.
+        reasons: reasons why batches are unmeasured, and remarks on measured batches.
     """
 
     ratio: FloatArray
@@ -220,7 +220,7 @@ class _Exposed(NamedTuple):
         time: times of the lines from the start of the drive [s], shape (t,).
         path: time in which the constant initial twist would cover the path up to each line [s],
             shape (t,).
-        exposures: exposures of each camera [gray levels of 8 bit], shape (t, pixels).
+        exposures: exposures [gray levels of 8 bit], shape (t, pixels), keyed by camera.
     """
 
     time: FloatArray

@@ -39,7 +39,7 @@ def sideways_motions(axis: float = 0.0) -> list[trials.Motion]:
 
 
 def needed_overlap(overlap: FloatArray, right: FloatArray, share: float = 0.95) -> float:
-    """Return the overlap from which on every field of view has enough correct line pairs.
+    """Return the overlap at and above which all fields of view have enough correct line pairs.
 
     Args:
         overlap: overlap of consecutive lines for each field of view, 0 to 1, any shape.
@@ -48,7 +48,7 @@ def needed_overlap(overlap: FloatArray, right: FloatArray, share: float = 0.95) 
         share: required share of correct line pairs, 0 to 1.
 
     Returns:
-        The smallest overlap; NaN if no overlap is sufficient.
+        Smallest such overlap among the given ones; NaN if even the largest one is not sufficient.
     """
     failing = overlap[right < share]
     passing = overlap[overlap > (failing.max() if len(failing) else -1.0)]

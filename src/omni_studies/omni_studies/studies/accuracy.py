@@ -274,12 +274,12 @@ class DriveCase:
 
     @property
     def squares(self) -> FloatArray:
-        """Squared error of the twist in each batch, divided by its expectation [1]."""
+        """Squared error of the twist, divided by its expectation [1], shape (batches,)."""
         return np.concatenate([trial.normalized_error_squared for trial in self.trials])
 
     @property
     def squares_of_cameras(self) -> FloatArray:
-        """Squared error of each single camera in each batch, divided by its stated variance [1]."""
+        """Squared error, divided by its stated variance [1], of all cameras in all batches."""
         return np.concatenate([trial.ratio**2 for trial in self.trials])
 
     @property

@@ -121,7 +121,7 @@ class _Case:
         title: title of the figure.
         metrics: function that returns the metrics of a case from its name and the matches of each
             motion.
-        conditions: conditions on every ground, keyed by name.
+        conditions: conditions under which the camera moves over every ground, keyed by name.
         columns: number of maps per row; None for the number of grounds.
     """
 
@@ -318,7 +318,8 @@ def _odometry(
 ) -> dict[str, Metric]:
     """Return the shares of measured batches and of batches with an undetected error.
 
-    The camera of the standard experiment moves sideways over the ground.
+    The camera of the standard experiment moves sideways over the ground. The shares are metrics,
+    keyed by name.
 
     Args:
         texture: the ground.

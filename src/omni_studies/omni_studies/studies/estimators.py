@@ -113,7 +113,7 @@ def errors_of(
 ) -> dict[tuple[str, str], FloatArray]:
     """Return velocity errors along the camera's axis [m/s], keyed by estimator and fault.
 
-    The error is NaN if a batch is unmeasured.
+    Each array has the error of every batch, shape (batches,); NaN if the batch is unmeasured.
 
     Args:
         kind: kind of ground.

@@ -321,7 +321,9 @@ def _sentence(vehicle: str, law: str, source: str, found: Mapping[str, float]) -
 
 
 def warnings(summary: Path, law: str, source: str) -> dict[str, str]:
-    """Return a warning for each vehicle, which is empty if assistance does more good than harm.
+    """Return a warning for each vehicle, keyed by vehicle.
+
+    The warning is empty unless assistance does more harm than good.
 
     Args:
         summary: ``summary.json`` of this study, with or without the IMU of the vehicle.

@@ -170,8 +170,8 @@ def _correlation_functions(options: LineOptions, study: StudyRun) -> StudyResult
 def distances(old: FloatArray, new: FloatArray, truth: float, metric: str, limit: int) -> Curve:
     """Return a distance measure of two lines as a function of the shift.
 
-    The measure is divided by the number of overlapping pixels and evaluated at all integer shifts
-    up to `limit`.
+    The measure is evaluated at all integer shifts up to `limit`. A measure that is a sum over
+    pixels is divided by the number of overlapping pixels.
 
     Args:
         old: first line [gray levels], shape (n,).

@@ -54,8 +54,8 @@ class Options(CampaignOptions):
     faults: str = parameter(
         "",
         description=f"faults, separated by commas, out of {', '.join(trials.FAULTS)}; empty for "
-        "all, except that lines over wood get no fault, and lines over only a few grounds get "
-        "faults of stamps and lost lines",
+        "all. Then no fault is injected over wood, and faults of stamps and lost lines only over a "
+        "few grounds",
     )
     batches: int = parameter(
         16,
@@ -82,8 +82,8 @@ class Drive(NamedTuple):
         measured: number of measured batches.
         squares: sum of the squared errors of measured batches, each divided by its stated variance
             [1].
-        covered: number of errors within 1.96 stated standard deviations.
-        energy: sum of the squared errors [m^2/s^2].
+        covered: number of measured batches with an error within 1.96 stated standard deviations.
+        energy: sum of the squared errors of measured batches [m^2/s^2].
     """
 
     seed: int

@@ -58,8 +58,8 @@ class Options(CampaignOptions, LoopOptions):
     seed: int = parameter(0, minimum=0)
     """seed of the first run; the seeds of the other runs follow it"""
     worst: int = parameter(3, minimum=0, maximum=1000)
-    """number of runs written as experiments: the worst by orientation, and as many of the worst by
-    distance"""
+    """write experiments of this number of runs with the worst orientation, and of as many with the
+    worst distance"""
 
 
 class _Faults(Options):
@@ -68,7 +68,8 @@ class _Faults(Options):
     runs: int = parameter(4000, minimum=1, maximum=10_000_000)
     """number of stops"""
     worst: int = parameter(20, minimum=0, maximum=1000)
-    """number of stops in worst.csv, the worst by distance and as many of the worst by rotation"""
+    """list this number of stops with the worst distance in worst.csv, and as many with the worst
+    rotation"""
 
 
 OPTIONS = {"faults": _Faults}

@@ -203,6 +203,9 @@ def _metrics(name: str, tracking: Tracking) -> dict[str, Metric]:
 def two_sensor_errors(tracking: Tracking, apart: float = 0.4) -> dict[str, float]:
     """Return the errors of the final position from dead reckoning with two area sensors [m].
 
+    They are keyed by method: ``straight`` for Eqs. (73)-(75), ``arc`` for these with `along_arc`,
+    ``first_sensor`` for Eqs. (76)-(78) with `along_arc`.
+
     Args:
         tracking: the motion; each sensor measures its path along its own axes in every period.
         apart: distance of each sensor from the platform center, to the left and to the right [m].

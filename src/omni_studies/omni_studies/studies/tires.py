@@ -150,7 +150,7 @@ def _load_figure(tire: Tire, loads: FloatArray) -> Figure:
 
 
 def _parabola(tire: tmeasy.TMeasyConfiguration, load: FloatArray) -> FloatArray:
-    """Return the longitudinal slope [N] by Eq. (3), without the limit on the load [N]."""
+    """Return the longitudinal slope [N] at each load [N] by Eq. (3), for loads of any size."""
     c = tmeasy.direction_coefficients(tire)
     return np.asarray((c[0] + c[1] * load) * load, dtype=np.float64)
 
@@ -255,6 +255,8 @@ def slope_creep(
     vehicle: VehicleConfiguration, slope: float, settling: float = 2.0
 ) -> tuple[float, float]:
     """Return how far a vehicle moves while its brakes hold it on a slope.
+
+    The results are the largest values over six directions of the slope.
 
     Args:
         vehicle: the vehicle.

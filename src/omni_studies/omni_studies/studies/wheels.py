@@ -369,7 +369,7 @@ def _mujoco(options: _Mujoco, study: StudyRun) -> StudyResult:
 
 
 def _engine_differences(metrics: Mapping[str, Metric]) -> dict[str, Metric]:
-    """Return the differences between the simulator's wheel models and MuJoCo, and their maximum."""
+    """Return the differences between wheel models and MuJoCo, and their maxima, keyed by name."""
     found: dict[str, Metric] = {}
     pairs = [(case, engine) for case in _MOTIONS for engine in ("single", "rollers")]
     for variant, quantity in itertools.product(_VARIANTS, _QUANTITIES):

@@ -24,7 +24,7 @@ class Trial:
     Attributes:
         title: title for figures.
         twist: initial body twist, without slip [m/s, m/s, rad/s].
-        command: commanded body twist as long as the pedal is up [m/s, m/s, rad/s].
+        command: commanded body twist while the pedal is up [m/s, m/s, rad/s].
         pedal: position of the brake pedal, 0 to 1.
         released: whether the brakes are released.
         push: force at the center of gravity, as a multiple of the vehicle's weight [1], in the
@@ -117,7 +117,11 @@ def start(
 
 
 def advance(vehicle: Vehicle, trial: Trial, duration: float) -> FloatArray:
-    """Advance a vehicle by a duration [s] with the inputs of a trial; return its trajectory."""
+    """Advance a vehicle by a duration [s] with the inputs of a trial.
+
+    Returns:
+        Trajectory as returned by `Vehicle.advance`, with one row per physics step.
+    """
     enable = np.zeros if trial.released else np.ones
     steps, shares = round(duration / vehicle.physics_step), enable(len(vehicle.wheel_names))
     return vehicle.advance(steps, trial.pedal, shares, trial.command)
