@@ -43,7 +43,7 @@ class _Span:
 
     @property
     def traveled(self) -> FloatArray:
-        """Distance along the path since the start [m], one value per stamp of the span."""
+        """Distance along the path since the start of the span [m], shape (stamps of the span,)."""
         steps = np.diff(self.history.pose[self.start : self.stop + 1, :2], axis=0)
         return np.append(0.0, np.cumsum(np.hypot(steps[:, 0], steps[:, 1])))
 

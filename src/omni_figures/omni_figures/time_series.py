@@ -82,7 +82,7 @@ def _draw_twist(panels: Sequence[Axes], history: RunHistory) -> None:
 
 
 def while_braking(history: RunHistory, values: FloatArray) -> FloatArray:
-    """Return a copy of `values` that is NaN before the start of braking."""
+    """Return a copy of `values`, shape (T, ...), with NaN in all rows before braking starts."""
     shown = values.copy()
     shown[: history.brake_start] = np.nan
     return shown

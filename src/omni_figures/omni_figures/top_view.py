@@ -176,7 +176,7 @@ def legend_handles(scene: Scene, fastest: float, time_label: str) -> list[Line2D
 
 
 def _patch_look(friction: float) -> dict[str, Any]:
-    """Return the color of a patch: a deeper blue for a lower friction."""
+    """Return the drawing style of a patch: a deeper blue for a lower friction."""
     depth = 0.15 + 0.5 * (1.0 - min(max(friction, 0.0), 1.0))
     return {"facecolor": (*to_rgb(style.SKY), depth), "edgecolor": style.SKY, "hatch": "//"}
 

@@ -79,7 +79,10 @@ def _read_recording(path: Path) -> quantities.FloatArray:
 
 
 def _without_repeats(table: quantities.FloatArray) -> quantities.FloatArray:
-    """Return a table without the rows that equal both of their neighbors."""
+    """Return a table (rows of time and demands) without rows whose demands repeat on both sides.
+
+    Such a row has the same demands as the row before it and the row after it.
+    """
     same = np.all(table[1:, 1:] == table[:-1, 1:], axis=1)
     kept = np.ones(len(table), bool)
     kept[1:-1] = ~(same[:-1] & same[1:])

@@ -85,7 +85,7 @@ def _between(path: FloatArray, first: int, last: int) -> FloatArray:
 
 
 def drift_metrics(history: RunHistory) -> dict[str, Metric]:
-    """Return the metrics `odometry_ate` and `odometry_rpe`: absolute and relative error [m]."""
+    """Return the metrics ``odometry_ate`` and ``odometry_rpe``: absolute and relative error [m]."""
     absolute, relative, notes = math.nan, math.nan, (_NO_ODOMETRY, _NO_ODOMETRY)
     if np.any(history.measured):
         path = odometry_path(history)

@@ -254,7 +254,7 @@ class ExperimentLibrary:
         return declared.from_mapping(VehicleConfiguration, self.vehicle_values(name), "vehicle")
 
     def vehicle_values(self, name: str) -> dict[str, Any]:
-        """Return the values of a vehicle's file, with the content of the files that it refers to.
+        """Return the nested values of a vehicle's file and of the files to which it refers.
 
         Args:
             name: name of the vehicle, as in `vehicle`.
@@ -262,7 +262,7 @@ class ExperimentLibrary:
         return plain(self._resolve({"vehicle": name})["vehicle"])
 
     def sensors(self, name: str) -> Mapping[str, LineSensor]:
-        """Return line cameras without a vehicle; they need not suffice to measure a twist.
+        """Return the line cameras in a file, keyed by name; they need not suffice for a twist.
 
         Args:
             name: name of a file in ``sensors/``, or a path that ends in ``.yaml``.
@@ -275,7 +275,7 @@ class ExperimentLibrary:
     def _resolve(
         self, tree: Mapping[str, Any], prefix: str = "", near: Path | None = None
     ) -> dict[str, Any]:
-        """Return the values with the content of files in place of the names of parts.
+        """Return nested values in which the name of a part is replaced by the content of its file.
 
         Args:
             tree: nested values of an experiment or a part.
@@ -304,7 +304,7 @@ class ExperimentLibrary:
         return resolved
 
     def located(self, kind: str, name: str) -> str:
-        """Return the file in `name` if it is a vehicle's or experiment's folder, else `name`.
+        """Return the file in a vehicle's or experiment's folder; any other name is unchanged.
 
         Args:
             kind: configuration folder that usually contains such files, such as ``vehicles``.

@@ -204,6 +204,8 @@ def _braking_metrics(history: RunHistory) -> dict[str, Metric]:
 def _lateral_deviation(path: FloatArray, v_c0: FloatArray) -> float:
     """Return the largest distance of a path from the line along its initial velocity [m].
 
+    It is NaN if the initial speed is at most `REST_SPEED`, because there is no such line.
+
     Args:
         path: positions from the start of braking on [m], shape (T, 2).
         v_c0: velocity at the start of braking [m/s], shape (2,).
@@ -216,7 +218,10 @@ def _lateral_deviation(path: FloatArray, v_c0: FloatArray) -> float:
 
 
 def _fail_safe_share(states: tuple[str, ...]) -> Metric:
-    """Return the share of braking stamps at which the assistant's state is a fault."""
+    """Return the share of the given states of the assistant that are faults [1].
+
+    The value is NaN if no state is known.
+    """
     if not any(states):
         return Metric(math.nan, "1", note=_NO_STATES)
     faults = Counter(state for state in states if state in _FAULTS)

@@ -188,9 +188,10 @@ def _true_motion(truth: Stream) -> dict[str, Any]:
 
 
 def _integrated(streams: Mapping[str, Stream]) -> dict[str, Any]:
-    """Return the integral of the measured twist, as arguments of `RunHistory.from_quaternions`.
+    """Return the motion of a vehicle without ground truth: the integral of the measured twist.
 
-    The motion starts at the origin and is sampled at the stamps of the wheel speeds.
+    The motion starts at the origin and is sampled at the stamps of the wheel speeds. The result
+    contains arguments of `RunHistory.from_quaternions`, keyed by name.
 
     Raises:
         ValueError: the twist is never measured.
@@ -263,7 +264,7 @@ def planar_twist(twist: Any) -> tuple[float, float, float]:
 
 
 def measured_twist(twist: Any) -> FloatArray:
-    """Return ``(v_x, v_y, yaw rate)`` [m/s, m/s, rad/s] of a geometry_msgs TwistWithCovariance.
+    """Return ``(v_x, v_y, yaw rate)`` [m/s, m/s, rad/s] of a TwistWithCovariance, shape (3,).
 
     Components that were not measured are NaN; their variance is `UNMEASURED_VARIANCE` or more.
     """

@@ -42,7 +42,9 @@ def is_swept(override: str) -> bool:
 
 
 def combinations(overrides: Iterable[str]) -> Iterator[tuple[dict[str, str], tuple[str, ...]]]:
-    """Yield the values of the swept keys and the overrides that set them, for each combination.
+    """Yield a pair for each combination: the values of the swept keys, and all overrides.
+
+    The values are texts, keyed by dotted key.
 
     Raises:
         ConfigurationError: a value is missing, or there are more than `MOST` combinations.

@@ -74,11 +74,14 @@ def read_mapping(path: Path, key: str) -> dict[str, Any]:
 
 
 class Part(dict[str, Any]):
-    """Values of a part that were read from a file; `merge` does not mix them with other values."""
+    """Values of a part, such as a vehicle, read from a file.
+
+    In `merge`, a `Part` of the layer replaces the whole part.
+    """
 
 
 def parse_override(text: str) -> dict[str, Any]:
-    """Convert a text such as ``vehicle.load.mass=400`` to nested mappings.
+    """Return a text such as ``vehicle.load.mass=400`` as nested mappings.
 
     Raises:
         ConfigurationError: ``=`` or the key is missing, or the value is not YAML.
@@ -97,7 +100,7 @@ def parse_override(text: str) -> dict[str, Any]:
 
 
 def nest(path: str, value: Any) -> dict[str, Any]:
-    """Convert a dotted key such as ``a.b`` and its value to nested mappings."""
+    """Return a dotted key such as ``a.b`` and its value as nested mappings."""
     for part in reversed(path.split(".")):
         value = {part: value}
     return dict(value)

@@ -88,7 +88,7 @@ def _remedy(folder: Path) -> str:
 
 
 def open_vehicle(path: Path | str) -> Bag:
-    """Find the recording of one vehicle, and remove the vehicle's namespace from the topics.
+    """Return the recording of one vehicle, without the vehicle's namespace in the topic names.
 
     Args:
         path: a rosbag2 folder or a single ``.mcap`` file.

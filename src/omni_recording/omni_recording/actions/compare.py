@@ -54,7 +54,7 @@ class TopicComparison:
 def compare_topics(
     first: Path | str, second: Path | str, topics: Collection[str]
 ) -> dict[str, TopicComparison]:
-    """Compare the messages of topics in two recordings.
+    """Return the comparison of each topic in two recordings, keyed by topic.
 
     Args:
         first: first recording.

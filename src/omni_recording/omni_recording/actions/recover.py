@@ -94,7 +94,7 @@ def _whole_messages(
     Args:
         files: MCAP files of the recording.
         problems: list to which the defects of the files are added.
-        channels: list to which the channels of a file are added after its messages.
+        channels: list to which the channels of a file are added after its messages are yielded.
     """
     for file in files:
 
