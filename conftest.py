@@ -20,7 +20,9 @@ from omni_ros.start import start_lightly
 ROOT = Path(__file__).parent
 SOURCES = ROOT / "src"
 DURATIONS = ROOT / "tests" / "durations.json"
-"""Durations [s] of test files of a second or more, from ``./omni test --store-durations``."""
+"""File with the durations [s] of the test files that take a second or more.
+
+``./omni test --store-durations`` writes this file."""
 
 # A busy machine may take any time for an example, and the first one compiles kernels.
 hypothesis.settings.register_profile(
@@ -36,7 +38,10 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Shorten imports; if requested, measure the files in the process that receives all results."""
+    """Speed up imports, and measure the durations of the test files if this is requested.
+
+    With several workers, only the process that receives all results measures.
+    """
     start_lightly()
     if config.getoption("--store-durations") and not hasattr(config, "workerinput"):
         config.pluginmanager.register(_Stopwatch())

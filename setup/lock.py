@@ -21,7 +21,10 @@ def open_lock(workspace: Workspace) -> int | None:
 
 
 def take_lock(lock: int | None, mode: int) -> None:
-    """Take the lock in a mode of `fcntl.flock`; print a message before waiting for it."""
+    """Take the lock in a mode of `fcntl.flock`; print a message before waiting for it.
+
+    Do nothing if `lock` is None, or if the file system does not support locks.
+    """
     if lock is None:
         return
     try:

@@ -96,8 +96,8 @@ def without(value: str, folders: Sequence[str]) -> list[str]:
 def base_environment(environ: Mapping[str, str], workspace: Workspace) -> dict[str, str]:
     """Return the user's environment variables without the settings of other installations.
 
-    Paths in the workspace, in other ROS workspaces and in an active Python environment are removed
-    from lists of folders.
+    From variables with lists of folders, the folders of this workspace, of other ROS workspaces and
+    of an active Python environment are removed.
     """
     environment = {name: environ[name] for name in environ if name not in FOREIGN_VARIABLES}
     foreign = [str(workspace.root)]

@@ -90,7 +90,7 @@ class Chromium:
         self.call("Input.dispatchKeyEvent", type="keyUp", **common)
 
     def click(self, selector: str, across: float = 0.5) -> None:
-        """Click into an element, `across` of its width from its left."""
+        """Click into an element; `across` is the place from its left (0) to its right edge (1)."""
         x, y = self.run(
             f"(e => {{ e.scrollIntoView({{block: 'center'}}); const b = e.getBoundingClientRect();"
             f"return [b.left + {across} * b.width, b.top + b.height / 2]; }})"

@@ -1,7 +1,8 @@
 """Table of hazards of docs/safety.md, generated from the marks of the tests.
 
-A test is marked with ``safety(hazard, fault, caught_by, within=...)``. `within` is a time [s] that
-the test requires, through the fixture of this name, or a text if a timeout of a node decides.
+A test is marked with ``safety(hazard, fault, caught_by, within=...)``. `within` is a limit on the
+time [s], which the test gets by the fixture of this name; or a text that names the timeout of a
+node, if this timeout is the limit.
 ``./omni exec python tests/safety_table.py`` writes the table into docs/safety.md.
 """
 

@@ -67,7 +67,7 @@ class Vehicle(Bystander):
         return f"states so far: {self.states}"
 
     def wait_for_state(self, state: str) -> None:
-        """Wait until a state is reported, if it was not since the vehicle was last assisted."""
+        """Wait until a state has been reported since `swerve_until_assisted` was last called."""
         self.wait(lambda: state in self.states)
 
     def send_twist(self, values: np.ndarray, covariance: np.ndarray = GOOD) -> None:
@@ -77,7 +77,7 @@ class Vehicle(Bystander):
         self.pedal.publish(joint_state(self.stamp_ns, ("brake_pedal",), position=np.array([value])))
 
     def step(self, values: np.ndarray, covariance: np.ndarray = GOOD) -> dict[str, float]:
-        """Brake for one step with this feedback and return the enables with its stamp."""
+        """Brake for one step with this feedback; return its enables [1], keyed by wheel."""
         self.stamp_ns += STEP_NS
         self.send_pedal(1.0)
         self.send_twist(values, covariance)
@@ -85,7 +85,7 @@ class Vehicle(Bystander):
         return dict(zip(self.enables[-1].name, self.enables[-1].effort, strict=True))
 
     def step_until_reported(self, state: str, values: np.ndarray, covariance: np.ndarray) -> None:
-        """Brake with this feedback, again if the answer was late, until it has all brakes on."""
+        """Brake with this feedback until a state is reported, with all brakes on in each step."""
 
         def reported() -> bool:
             assert all_on(self.step(values, covariance)), state

@@ -95,7 +95,10 @@ class Page:
         self.until(lambda state: state["twist"][0] > speed)
 
     def brake_until(self, condition: Callable[[dict[str, Any]], bool]) -> None:
-        """Accelerate and brake, again if a busy machine misses it, until a state meets it."""
+        """Accelerate and brake until a state meets the condition, in up to ten attempts.
+
+        A single stop may miss the condition on a busy machine.
+        """
         for _ in range(10):
             self.drive_to(2.5)
             self.demand = {"pedal": 1.0, "stick": REST}

@@ -112,7 +112,7 @@ def measured(twist: TwistWithCovarianceStamped) -> bool:
 
 
 def floats(image: Image) -> None:
-    """Return lines as the driver would send them with a wrong type, here an empty array."""
+    """Replace the lines of an image by NaN as 32-bit floats, a type that the odometry rejects."""
     image.encoding, image.step = "32FC1", 4 * image.width
     image.data = np.full((image.height, image.width), np.nan, np.float32).tobytes()
 

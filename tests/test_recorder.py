@@ -130,8 +130,9 @@ class Recorder:
     def end(self, number: signal.Signals | None = signal.SIGTERM) -> tuple[int, str, str]:
         """Signal the process; return its exit code and its output on stdout and stderr.
 
-        The middleware's own messages on stderr are left out: where processes of another graph were
-        killed or halted, it writes that a port in shared memory is taken, and takes the next one.
+        The middleware's own messages on stderr are omitted. If processes of another graph were
+        killed or halted, the middleware reports that a port in shared memory is in use, and uses
+        the next one.
         """
         if number is not None:
             self.process.send_signal(number)

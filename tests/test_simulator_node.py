@@ -61,7 +61,7 @@ class Assistant(Bystander):
 def assistant(tmp_path: Path) -> Iterator[Assistant]:
     """A simulator in real time, in a separate domain, just before braking.
 
-    It is so fast that it does not stop while a busy machine delays the answers.
+    The vehicle is so fast that it does not stop while a busy machine delays the answers.
     """
     configuration = ExperimentLibrary(WORKSPACE / "config").load(
         "straight_line",
