@@ -35,6 +35,8 @@ def reference() -> str:
     from omni_vehicle.brake_adapter import BrakeAdapterConfiguration
     from omni_vehicle.brake_adapter_node import TopicsConfiguration
     from omni_vehicle.flow_chips import FlowChipConfiguration
+    from omni_vehicle.flow_sensor_node import FlowNodeConfiguration
+    from omni_vehicle.twist_adapter_node import TwistAdapterConfiguration
 
     keys = "The keys of `config/experiments/*.yaml` and of `--set`.\n"
     sections: dict[str, type[configuration.Configuration]] = {
@@ -46,6 +48,8 @@ def reference() -> str:
         "Node `brake_adapter` (package `omni_vehicle`)\n\n": BrakeAdapterConfiguration,
         "Topics of `brake_adapter`\n\n": TopicsConfiguration,
         "Node `flow_sensor` (package `omni_vehicle`)\n\n": FlowChipConfiguration,
+        "Readings of `flow_sensor`\n\n": FlowNodeConfiguration,
+        "Node `twist_adapter` (package `omni_vehicle`)\n\n": TwistAdapterConfiguration,
     }
     head = "| parameter | default | unit | range | meaning |\n|---|---|---|---|---|"
     tables = (

@@ -1,6 +1,7 @@
 """Optical-flow chips, which measure the ground velocity, read through their makers' libraries.
 
-- PMW3901 and PAA5100JE (SPI) count how far the ground has moved between two readings,
+- PMW3901 and PAA5100JE (SPI) take images at a fixed rate, and count how far the ground has moved
+  between two images; a register holds the counts since the last reading,
 - the SparkFun OTOS (I2C) combines a PAA5160 with an IMU and reports velocities with standard
   deviations, in the frame in which it tracks its pose.
 
@@ -36,6 +37,10 @@ class _Pixart(enum.IntEnum):
     """Bit of the motion register that is set if the ground has moved since the last reading"""
     DARK = 0x1F
     """Upper byte of the exposure time at its limit, which means that the ground is too dark"""
+
+
+_REST = 1.5
+"""Time without counts after which a chip has certainly taken an image [image periods]"""
 
 
 class _OtosStatus(enum.IntEnum):
@@ -75,8 +80,10 @@ class FlowSample(NamedTuple):
 class FlowChip(Protocol):
     """An opened optical-flow chip."""
 
-    def read(self, time: float) -> FlowSample:
+    def read(self, time: float) -> FlowSample | None:
         """Return the reading of the chip at the present time [s], which the caller passes.
+
+        It is None if the chip may not have taken an image since the last reading.
 
         Raises:
             FlowChipError: the chip does not answer.
@@ -109,6 +116,9 @@ class FlowChipConfiguration(Configuration):
     maximum_speed: float = parameter(0.0, unit="m/s", minimum=0.0, maximum=100.0)
     """Largest speed that the chip can measure at its height (0: any speed); faster readings are
     invalid"""
+    image_rate: float = parameter(121.0, unit="1/s", above=0.0, maximum=1e4)
+    """Images per second that a PMW3901 or PAA5100 takes; a relative error of this value causes the
+    same relative error of the velocity"""
     longest_interval: float = parameter(0.1, unit="s", above=0.0, maximum=1.0)
     """Limit on the time between two readings of a PMW3901 or PAA5100; after a longer time, the
     counts are not converted to a velocity"""
@@ -149,6 +159,10 @@ def open_chip(configuration: FlowChipConfiguration) -> FlowChip:
 class CountingChip:
     """A PMW3901 or PAA5100JE, which counts how far the ground has moved since the last reading.
 
+    The counts change at images only, so they are divided by the number of images since the last
+    reading, and not by its time. If readings are more frequent than images, counts belong to a
+    single image. Otherwise their number is known up to one.
+
     Attributes:
         counts: sums of all counts along x and along y since the chip was opened.
     """
@@ -165,35 +179,50 @@ class CountingChip:
         )
         self._orientation = self._register(_Pixart.ORIENTATION_REGISTER)
         self._time: float | None = None
+        self._returned = -math.inf  # time of the last returned reading
         self.counts = [0, 0]
 
-    def read(self, time: float) -> FlowSample:
-        """Return the mean velocity since the last reading, without a yaw rate."""
+    def read(self, time: float) -> FlowSample | None:
+        """Return the mean velocity between the last images, without a yaw rate.
+
+        Without counts, this is a velocity of zero after `_REST` images, and None before.
+        """
         try:
             # A single transfer gives consistent values; the chip then counts from zero.
             burst = self._chip.spi_dev.xfer2([_Pixart.MOTION_REGISTER] + [0] * 12)
+            _, motion, _, x, y, quality, *_, shutter, _ = struct.unpack(
+                "<BBBhhBBBBBB", bytes(burst)
+            )
+            moved = np.array([x, y] if motion & _Pixart.MOVED else [0, 0])
+            limits, before, self._time = self._configuration, self._time, time
+            since = self._returned if before is None or not moved.any() else before
+            images = limits.image_rate * (time - since)
+            if not moved.any() and images < _REST:
+                return None
+            self._returned = time
             product, orientation = self._register(0), self._register(_Pixart.ORIENTATION_REGISTER)
         except OSError as error:
             raise FlowChipError(f"the bus failed: {error}") from None
         if product != _Pixart.PRODUCT or orientation != self._orientation:
             raise FlowChipError("the chip was lost or has been reset")
-        _, motion, _, x, y, quality, *_, shutter, _ = struct.unpack("<BBBhhBBBBBB", bytes(burst))
-        before, self._time = self._time, time
         if before is None or time <= before:
             return FlowSample.unmeasured("first reading")
-        limits, elapsed = self._configuration, time - before
         if quality < limits.minimum_quality or shutter == _Pixart.DARK:
             return FlowSample.unmeasured(f"surface quality {quality}, exposure {shutter:#04x}")
-        moved = np.array([x, y] if motion & _Pixart.MOVED else [0, 0])
         self.counts = [total + int(step) for total, step in zip(self.counts, moved, strict=True)]
-        if elapsed > limits.longest_interval:
-            return FlowSample.unmeasured(f"no reading for {elapsed:.2g} s")
-        velocity = moved / (limits.counts_per_meter * elapsed)
+        if time - before > limits.longest_interval:
+            return FlowSample.unmeasured(f"no reading for {time - before:.2g} s")
+        images = max(images, 1.0)
+        speed_of_count = limits.image_rate / (limits.counts_per_meter * images)
+        velocity = moved * speed_of_count
         speed = math.hypot(*velocity)
         if speed > limits.maximum_speed > 0.0:
             return FlowSample.unmeasured(f"{speed:.2f} m/s exceeds maximum_speed")
-        rounding = 1.0 / math.sqrt(12.0) / (limits.counts_per_meter * elapsed)
-        deviation = math.hypot(rounding, limits.relative_deviation * speed)
+        # The number of images is `images` rounded up or down, with the mean `images`.
+        part = images % 1.0
+        unknown_images = math.sqrt(part * (1.0 - part)) / images
+        rounding = speed_of_count / math.sqrt(6.0)  # at both ends
+        deviation = math.hypot(rounding, limits.relative_deviation * speed, unknown_images * speed)
         return FlowSample(
             np.array([*velocity, math.nan]), np.array([deviation, deviation, math.nan]), ""
         )

@@ -2,8 +2,9 @@
 
 A model samples and delays the true twist, and adds white noise and a constant scale error. Above
 its maximum speed, and for lost samples, a model gives no measurement. A comment at each model names
-the source of its numbers. Wheel odometry has no error model, because it uses the simulated
-encoders. Without a twist, the assistant estimates the motion from encoders and IMU.
+the source of its numbers. Flow chips count how far the ground has moved between two images, and
+each chip takes its images at its own times. Wheel odometry has no error model, because it uses the
+simulated encoders. Without a twist, the assistant estimates the motion from encoders and IMU.
 """
 
 import dataclasses
@@ -14,6 +15,7 @@ import numpy as np
 
 from omni_platform import quantities, signals
 from omni_platform.kinematics import PlatformKinematics
+from omni_platform.sensors import FlowSensor, sensor_matrix
 from omni_sim.simulator import Observation
 from omni_sim.velocity_sensor import SMALLEST_DEVIATION
 
@@ -39,6 +41,8 @@ class Source:
         lost: share of the samples that have no measurement [1].
         maximum_speed: limit on the measurable speed [m/s].
         cameras: file in ``config/sensors/`` with line cameras that replace the error model.
+        chips: number of flow chips, whose counts replace the white noise of an error model.
+        counts: counts of a flow chip per distance [1/m].
     """
 
     label: str
@@ -52,24 +56,40 @@ class Source:
     lost: float = 0.0
     maximum_speed: float = math.inf
     cameras: str = ""
+    chips: int = 0
+    counts: float = 0.0
 
 
 _CHIPS = {
     # Data sheet: 15-35 mm, 1.14 m/s; noise 2 % of the speed.
-    "PAA5100JE": (0.01, 0.02, 1.14),
+    "PAA5100JE": (0.025, 0.02, 1.14),
     # Data sheet: 80 mm and more, 7.4 rad/s: 0.74 m/s at 0.1 m; noise 3 % of the speed.
-    "PMW3901": (0.02, 0.03, 0.74),
+    "PMW3901": (0.1, 0.03, 0.74),
 }
-"""Properties of each chip type: constant standard deviation [m/s]; error relative to the speed [1],
-used for noise and for the scale error; maximum speed [m/s]."""
+"""Properties of each chip type: height above the ground [m]; error relative to the speed [1], used
+for noise and for the scale error; maximum speed [m/s]."""
+
+_COUNTS_PER_RADIAN = 385.0
+"""Counts of a flow chip per angle by which the ground moves, from PX4's driver of the PMW3901; the
+PAA5100JE is assumed to have the same optics [1/rad]."""
+_IMAGE_PERIOD = 1.0 / 121.0
+"""Time between two images of a flow chip, from the seller of the PMW3901; users have measured the
+same value. The PAA5100JE, whose data sheet states none, is assumed to have the same [s]."""
+_LEVER = 0.4
+"""Distance of each flow chip from the center of the vehicle [m]."""
 
 
-def _chips(chip: str, count: int, lever: float = 0.4) -> Source:
-    """Return a source made of several flow chips at a distance `lever` from the center [m]."""
-    linear, share, fastest = _CHIPS[chip]
-    shared = linear / math.sqrt(count)
-    noise = shared, shared / lever, share, share
-    return Source(f"{count} x {chip}", MODEL, *noise, maximum_speed=fastest)
+def _chips(chip: str, count: int) -> Source:
+    height, share, fastest = _CHIPS[chip]
+    return Source(
+        f"{count} x {chip}",
+        relative=share,
+        scale=share,
+        period=_IMAGE_PERIOD,
+        maximum_speed=fastest,
+        chips=count,
+        counts=_COUNTS_PER_RADIAN / height,
+    )
 
 
 # Numbers without a name: standard deviation of v_x and v_y, of the yaw rate, per speed, and of the
@@ -123,6 +143,7 @@ class SourceEstimator:
         self._waiting: deque[tuple[int, signals.TwistSample]] = deque()  # by arrival time [ns]
         self._last = signals.TwistSample(_NEVER_NS, np.zeros(3), _UNMEASURED)
         self._sampled_ns = _NEVER_NS
+        self._chips = FlowChips(source, self._random) if source.chips else None
 
     def estimate(self, observation: Observation) -> signals.TwistSample:
         """Return the latest measurement that has arrived.
@@ -141,6 +162,8 @@ class SourceEstimator:
 
     def _measure(self, observation: Observation) -> signals.TwistSample:
         source, stamp_ns = self._source, observation.stamp_ns
+        if self._chips is not None:
+            return self._chips.measure(stamp_ns, observation.twist)
         if source.kind == WHEELS:
             twist = self._kinematics.twist(observation.encoder_speed)
             return signals.TwistSample(stamp_ns, twist, np.diag([0.02, 0.02, 0.04]) ** 2)
@@ -156,3 +179,62 @@ class SourceEstimator:
         stated = deviation**2 + np.array([1.0, 1.0, 0.0]) * (source.scale * speed) ** 2
         value: quantities.FloatArray = scale * observation.twist + deviation * noise
         return signals.TwistSample(stamp_ns, value, np.diag(stated))
+
+
+class FlowChips:
+    """Flow chips around the center of a vehicle, and the twist that their counts give.
+
+    Each chip adds the motion along its axes, and at the times of its images writes the whole counts
+    to its register. The driver divides the counts between two images by their time.
+
+    Args:
+        source: properties of the chips.
+        random: source of the noise and of the times of the images.
+    """
+
+    def __init__(self, source: Source, random: np.random.Generator) -> None:
+        self._source, self._random = source, random
+        angles = math.tau / source.chips * np.arange(source.chips)
+        places = _LEVER * np.column_stack((np.cos(angles), np.sin(angles)))
+        self._matrix = sensor_matrix(
+            {str(place): FlowSensor(x=place[0], y=place[1], heading_deg=0.0) for place in places}
+        )
+        self._scale = 1.0 + source.scale * np.repeat(random.standard_normal(source.chips), 2)
+        self._phase = np.repeat(random.uniform(0.0, 1.0, source.chips), 2)
+        self._path = random.uniform(0.0, 1.0, 2 * source.chips)  # [counts]
+        self._counted = self._velocity = np.zeros(2 * source.chips)  # at the last image [1], [m/s]
+        self._before: tuple[int, quantities.FloatArray] | None = None
+
+    def measure(self, stamp_ns: int, twist: quantities.FloatArray) -> signals.TwistSample:
+        """Return the twist that the last images of all chips give.
+
+        Args:
+            stamp_ns: time since the start of the run [ns], increasing.
+            twist: true body twist at this time [m/s, m/s, rad/s], shape (3,).
+        """
+        source, true = self._source, self._matrix @ twist
+        if self._before is None:
+            self._before, self._velocity = (stamp_ns, true), self._scale * true
+            since = source.counts * source.period * self._phase * self._velocity
+            self._counted = np.floor(self._path - since)
+        (before_ns, earlier), self._before = self._before, (stamp_ns, true)
+        elapsed = 1e-9 * (stamp_ns - before_ns)
+        moved = source.counts * self._scale * 0.5 * (earlier + true) * elapsed
+        moved *= 1.0 + source.relative * self._random.standard_normal(len(moved))
+        passed = self._phase + elapsed / source.period  # since the last image [image periods]
+        for number in range(1, int(np.max(passed)) + 1):
+            share = (number - self._phase) * source.period / elapsed  # of this step, before it
+            counted = np.where(share <= 1.0, np.floor(self._path + share * moved), self._counted)
+            velocity = (counted - self._counted) / (source.counts * source.period)
+            self._velocity = np.where(share <= 1.0, velocity, self._velocity)
+            self._counted = counted
+        self._path, self._phase = self._path + moved, passed % 1.0
+        newest_ns = stamp_ns - round(1e9 * source.period * float(np.min(self._phase)))
+        speed = math.hypot(*twist[:2])
+        if speed > source.maximum_speed:
+            return signals.TwistSample(newest_ns, np.zeros(3), _UNMEASURED)
+        rounding = 1.0 / (source.counts * source.period * math.sqrt(6.0))  # at both ends
+        deviation = math.hypot(rounding, source.relative * speed, source.scale * speed)
+        inverse = np.linalg.pinv(self._matrix)
+        covariance: quantities.FloatArray = deviation**2 * inverse @ inverse.T
+        return signals.TwistSample(newest_ns, inverse @ self._velocity, covariance)

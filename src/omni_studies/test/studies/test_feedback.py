@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from pathlib import Path
 from types import SimpleNamespace
@@ -63,6 +64,31 @@ def test_a_slow_source_holds_its_last_sample() -> None:
 def test_a_chip_beyond_its_speed_measures_nothing() -> None:
     assert math.hypot(*TWIST[:2]) > SOURCES["pmw3901_2"].maximum_speed
     assert all(one.covariance[0, 0] >= 1e6 for one in measured("pmw3901_2"))
+
+
+def test_flow_chips_report_the_whole_counts_between_their_last_images() -> None:
+    source = dataclasses.replace(SOURCES["pmw3901_2"], relative=0.0, scale=0.0)
+    step = 1.0 / (source.counts * source.period)  # velocity of one count [m/s]
+    estimator = SourceEstimator(source, KINEMATICS, 5)
+    speed, deceleration, found = 0.6, 2.0, []
+    for k in range(30):
+        now = 0.01 * k
+        twist = np.array([speed - deceleration * now, 0.0, 0.0])
+        found.append(
+            estimator.estimate(
+                SimpleNamespace(stamp_ns=10_000_000 * k, twist=twist)  # type: ignore[arg-type]
+            )
+        )
+    ages = [10_000_000 * k - one.stamp_ns for k, one in enumerate(found)]
+    assert 0 < max(ages) < 1e9 * source.period
+    for one in found[1:]:
+        half_steps = one.value[0] / (0.5 * step)  # the mean of two chips
+        assert half_steps == pytest.approx(round(half_steps), abs=1e-6)
+        # The mean velocities of the last images of both chips, which differ by up to an image.
+        now = 1e-9 * one.stamp_ns
+        highest = speed - deceleration * (now - 2.0 * source.period)
+        lowest = speed - deceleration * now
+        assert lowest - step < one.value[0] < highest + step
 
 
 def test_wheels_that_roll_measure_the_twist() -> None:
