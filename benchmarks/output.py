@@ -1,6 +1,7 @@
 """Options and results that the benchmarks share."""
 
 import argparse
+import dataclasses
 import json
 import time
 from collections.abc import Callable
@@ -8,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from omni_loop.experiment import ExperimentConfiguration, ExperimentLibrary
+from omni_platform.sensors import LineSensor
 
 BLIND = ("feedback=velocity_sensor", "simulation.render_lines=false")
 _CONFIG = Path(__file__).resolve().parents[1] / "config"
@@ -35,6 +37,12 @@ def options(words: str | None, **defaults: Any) -> argparse.Namespace:
 def load(experiment: str, variant: str, *changes: str) -> ExperimentConfiguration:
     """Return a variant of an experiment of this workspace."""
     return ExperimentLibrary(_CONFIG).load(experiment, variant, changes)
+
+
+def camera(name: str) -> LineSensor:
+    """Return the first camera of a file of ``config/sensors/``, placed at the vehicle's center."""
+    mounted = ExperimentLibrary(_CONFIG).camera(name)
+    return dataclasses.replace(mounted, x=0.0, y=0.0, heading_deg=0.0)
 
 
 def fastest(action: Callable[[], object], repeats: int) -> float:

@@ -25,13 +25,7 @@ from omni_sim.texture.cache import TextureCache
 from omni_sim.texture.texture import KINDS, GroundTexture, TextureConfiguration, generate_texture
 
 HEADINGS_DEG = (0, 0.05, 1, 5, 20, 33, 45, 90, 133, 200, 300)
-SENSORS = {
-    "generic": LineSensor(x=0.0, y=0.0, heading_deg=0.0),
-    "lis_770i": LineSensor(
-        x=0.0, y=0.0, heading_deg=0.0, pixels=335, width=0.0025, line_rate=2985.0
-    ),
-    "s3901": LineSensor(x=0.0, y=0.0, heading_deg=0.0, pixels=128, width=0.0195, line_rate=15600.0),
-}
+SENSORS = {name: output.camera(name) for name in ("generic", "lis_770i", "s3901")}
 LIMITS = {"generic": ((15e3,), (0.15,)), "s3901": ((100e3,), (0.15,))}
 """Minimum rate [lines/s] and maximum error [gray levels], keyed by the kind of camera."""
 SPEED = 10.0  # [m/s]

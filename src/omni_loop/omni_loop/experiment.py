@@ -18,17 +18,8 @@ from linescan_odometry.port import ODOMETRY_GROUP, make_odometry
 from linescan_odometry.twist.least_squares import check_placement
 from omni_brake_assist.brake_assist import BrakeAssistConfiguration
 from omni_brake_assist.laws.law import own_law
+from omni_loop import yaml_files
 from omni_loop.demands import read_demands
-from omni_loop.yaml_files import (
-    Part,
-    check_complete,
-    merge,
-    nest,
-    parse_override,
-    plain,
-    read_mapping,
-    set_default,
-)
 from omni_platform import configuration as declared
 from omni_platform import geometry, plugins
 from omni_platform.configuration import Configuration, ConfigurationError, did_you_mean, parameter
@@ -224,21 +215,22 @@ class ExperimentLibrary:
         # Values of a part are merged into the part that is named last, even if the values precede
         # its name.
         named: dict[str, str] = {}
-        layers = [_take_names(one, named) for one in (changes, *map(parse_override, overrides))]
-        names = [nest(path, named[path]) for path in _PARTS if path in named]
+        given = changes, *map(yaml_files.parse_override, overrides)
+        layers = [_take_names(one, named) for one in given]
+        names = [yaml_files.nest(path, named[path]) for path in _PARTS if path in named]
         for layer in (*names, *layers):
-            tree = merge(tree, self._resolve(layer, near=near))
+            tree = yaml_files.merge(tree, self._resolve(layer, near=near))
         # Nodes use the true mounting positions unless the experiment configures others.
         for kind in ("sensors", "flow_sensors"):
-            set_default(tree, "odometry", kind, tree.get(kind))
+            yaml_files.set_default(tree, "odometry", kind, tree.get(kind))
         vehicle = tree.get("vehicle")
         wheels = vehicle.get("wheels") if isinstance(vehicle, Mapping) else None
-        set_default(tree, "brake_assist", "wheels", wheels)
+        yaml_files.set_default(tree, "brake_assist", "wheels", wheels)
         if isinstance(vehicle, Mapping):
-            check_complete(vehicle, _REQUIRED, "vehicle", experiment)
-            set_default(tree, "brake_assist", "brake", vehicle.get("brake"))
-            set_default(tree, "brake_assist", "wheel_inertia", vehicle.get("wheel_inertia"))
-        set_default(tree, "brake_assist", "feedback_delay", _twist_delay(tree))
+            yaml_files.check_complete(vehicle, _REQUIRED, "vehicle", experiment)
+            for name in ("brake", "wheel_inertia"):
+                yaml_files.set_default(tree, "brake_assist", name, vehicle.get(name))
+        yaml_files.set_default(tree, "brake_assist", "feedback_delay", _twist_delay(tree))
         return declared.from_mapping(ExperimentConfiguration, tree)
 
     def vehicle(self, name: str) -> VehicleConfiguration:
@@ -259,7 +251,7 @@ class ExperimentLibrary:
         Args:
             name: name of the vehicle, as in `vehicle`.
         """
-        return plain(self._resolve({"vehicle": name})["vehicle"])
+        return yaml_files.plain(self._resolve({"vehicle": name})["vehicle"])
 
     def sensors(self, name: str) -> Mapping[str, LineSensor]:
         """Return the line cameras in a file, keyed by name; they need not suffice for a twist.
@@ -271,6 +263,10 @@ class ExperimentLibrary:
             ConfigurationError: the name, a key or a value is invalid.
         """
         return declared.from_mapping(_SensorsAlone, self._resolve({"sensors": name})).sensors
+
+    def camera(self, name: str) -> LineSensor:
+        """Return the first of the line cameras that `sensors` returns."""
+        return next(iter(self.sensors(name).values()))
 
     def _resolve(
         self, tree: Mapping[str, Any], prefix: str = "", near: Path | None = None
@@ -287,16 +283,17 @@ class ExperimentLibrary:
             path = declared.join_key(prefix, str(key))
             if path == _DEMANDS and isinstance(value, str):
                 file = (near or Path()) / value
-                resolved[key] = Part(read_demands(file if exists(file) else Path(value), path))
+                demands = read_demands(file if exists(file) else Path(value), path)
+                resolved[key] = yaml_files.Part(demands)
                 continue
             kind = _PARTS.get(path)
             if kind is not None and isinstance(value, str):
                 named = _nearest(self.located(kind, value), near)
                 part = self._read(kind, named, path)
                 if kind == "vehicles":
-                    check_complete(part, _REQUIRED, path, named)
+                    yaml_files.check_complete(part, _REQUIRED, path, named)
                 beside = Path(named).parent if named.endswith(".yaml") else None
-                resolved[key] = Part(self._resolve(part, path, beside))
+                resolved[key] = yaml_files.Part(self._resolve(part, path, beside))
             elif isinstance(value, Mapping):
                 resolved[key] = self._resolve(value, path, near)
             else:
@@ -330,7 +327,7 @@ class ExperimentLibrary:
                     f"{name!r} is not known{hint or ';'} known: {', '.join(known)}; or give a "
                     f"path that ends in .yaml{own}",
                 )
-        return read_mapping(path, key)
+        return yaml_files.read_mapping(path, key)
 
 
 def recorded_experiment(path: Path, overrides: Iterable[str] = ()) -> ExperimentConfiguration:
@@ -343,9 +340,9 @@ def recorded_experiment(path: Path, overrides: Iterable[str] = ()) -> Experiment
     Raises:
         ConfigurationError: the file is not such a configuration, or a key or value is invalid.
     """
-    tree = read_mapping(path, "configuration")
+    tree = yaml_files.read_mapping(path, "configuration")
     for override in overrides:
-        tree = merge(tree, parse_override(override))
+        tree = yaml_files.merge(tree, yaml_files.parse_override(override))
     return declared.from_mapping(ExperimentConfiguration, tree)
 
 

@@ -13,6 +13,7 @@ except one, and evaluated on the remaining ground. The odometry itself has no su
 
 import dataclasses
 import math
+from collections.abc import Mapping
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -36,8 +37,8 @@ CASES = {
     "and motions",
 }
 
-# By pixels: the field of view of `generic`, LIS-770i and S3901 (Table 3).
-_VIEWS = {1024: View(1024, 0.05, 0.02), 335: View(335, 0.05, 0.0025), 128: View(128, 0.05, 0.0195)}
+# Cameras of section 4.4 and Table 3: files of config/sensors/ by the names in the metrics.
+_CAMERAS = {"generic": "generic", "lis770i": "lis_770i", "s3901": "s3901"}
 _NOISES = (1, 2, 5)  # gray levels
 _DRAWN_NOISE = 2  # gray levels, in the panels that show the mean error
 _GROUNDS = ("cork", "asphalt", "stone")
@@ -102,26 +103,31 @@ class Options(Configuration):
 
 def run(options: Options, study: StudyRun) -> StudyResult:
     """Measure the displacements of line pairs in every case; write figure and metrics."""
+    views = [View.of(camera) for camera in _cameras(study).values()]
     cases = [
-        trial(pixels, noise, kind, options)
+        trial(view, noise, kind, options)
         for kind in _GROUNDS
-        for pixels in _VIEWS
+        for view in views
         for noise in _NOISES
     ]
-    study.plot("accuracy", _draw(cases))
+    study.plot("accuracy", _draw(cases, views))
     return study.result(_metrics(cases))
 
 
-def trial(pixels: int, noise: int, kind: str, options: Options) -> Case:
+def _cameras(study: StudyRun) -> dict[str, LineSensor]:
+    return {name: study.experiments.camera(file) for name, file in _CAMERAS.items()}
+
+
+def trial(view: View, noise: int, kind: str, options: Options) -> Case:
     """Return the result of rendering and matching line pairs at random displacements.
 
     Args:
-        pixels: pixels of a line, which also determine the field of view.
+        view: field of view of the camera.
         noise: standard deviation [gray levels].
         kind: kind of ground.
         options: similarity metric, number of pairs, and seed of positions, displacements and noise.
     """
-    view, pairs, seed = _VIEWS[pixels], options.pairs, options.seed
+    pixels, pairs, seed = view.pixels, options.pairs, options.seed
     generator = np.random.default_rng([seed, pixels, noise])
     eye = camera(view, ground(kind), noise, seed)
     fraction = np.arange(pairs) % _FRACTIONS / _FRACTIONS
@@ -171,7 +177,7 @@ def _pull(fraction: FloatArray, error: FloatArray) -> tuple[FloatArray, FloatArr
 
 def _metrics(cases: list[Case]) -> dict[str, Metric]:
     metrics: dict[str, Metric] = {}
-    for pixels in _VIEWS:
+    for pixels in dict.fromkeys(case.pixels for case in cases):
         for noise in _NOISES:
             pool = [case for case in cases if (case.pixels, case.noise) == (pixels, noise)]
             ratio = math.sqrt(float(np.mean([case.over_bound**2 for case in pool])))
@@ -194,17 +200,17 @@ def _metrics(cases: list[Case]) -> dict[str, Metric]:
     return metrics
 
 
-def _draw(cases: list[Case]) -> Figure:
+def _draw(cases: list[Case], views: list[View]) -> Figure:
     title = (
         "Error of refined displacements / Cramer-Rao bound (dashed); below: mean error at "
         "2 gray levels, and the fitted bias"
     )
     x, y = "fraction of the displacement [px]", ("RMS error [px]", "mean error [px]")
-    figure, panels = style.panels(title, 2, len(_VIEWS), size=(13.0, 7.2), x=x, y=y, sharey="row")
-    for column, (pixels, view) in enumerate(_VIEWS.items()):
+    figure, panels = style.panels(title, 2, len(views), size=(13.0, 7.2), x=x, y=y, sharey="row")
+    for column, view in enumerate(views):
         over_noise, over_fraction = panels[:, column]
         for kind, color in zip(_GROUNDS, style.WHEEL_COLORS, strict=False):
-            own = [case for case in cases if (case.pixels, case.ground) == (pixels, kind)]
+            own = [case for case in cases if (case.pixels, case.ground) == (view.pixels, kind)]
             bound = [math.sqrt(float(np.mean(case.bound))) for case in own]
             over_noise.plot(_NOISES, [c.rmse for c in own], "o-", color=color, label=kind)
             over_noise.plot(_NOISES, bound, "--", color=color)
@@ -216,8 +222,7 @@ def _draw(cases: list[Case]) -> Figure:
         over_noise.plot(_NOISES, [math.sqrt(1.0 / 12.0)] * len(_NOISES), color=style.GRAY)
         place = _NOISES[0], math.sqrt(1.0 / 12.0)
         style.note(over_noise, "whole pixels", place, (0, -3), va="top", color=style.GRAY)
-        size = f"{pixels} px, {1e3 * view.length:g} x {1e3 * view.width:g} mm"
-        over_noise.set_title(size)
+        over_noise.set_title(_size(view))
         over_noise.set_yscale("log")
         over_noise.set_xlabel("noise [gray levels]")
         for side in (-_LARGEST_LOCKING, _LARGEST_LOCKING):
@@ -233,13 +238,6 @@ _HARDER = dict.fromkeys((
     "cobble",
 ), 8192)  # fmt: skip
 _COLORS = (style.BLUE, style.ORANGE, style.GREEN)
-_CAMERAS = {
-    "generic": LineSensor(x=0.0, y=0.0, heading_deg=0.0),
-    "lis770i": LineSensor(
-        x=0.0, y=0.0, heading_deg=0.0, pixels=335, width=0.0025, line_rate=2985.0
-    ),
-    "s3901": LineSensor(x=0.0, y=0.0, heading_deg=0.0, pixels=128, width=0.0195, line_rate=15600.0),
-}
 # v_x, v_y, and the speed that the yaw rate causes at the cameras, as shares of the sideways speed
 # at 60 % overlap.
 _MOTIONS = {
@@ -317,10 +315,11 @@ class _Drives(Configuration):
 
 def _covariance(options: _Drives, study: StudyRun) -> StudyResult:
     """Simulate every case; write figure, data and metrics."""
-    driven = [(name, kind) for kind in _GROUNDS for name in _CAMERAS]
+    cameras = _cameras(study)
+    driven = [(name, kind) for kind in _GROUNDS for name in cameras]
     driven += [(_EVALUATED, kind) for kind in _HARDER]
-    cases = [case for name, kind in driven for case in _drive(name, kind, options)]
-    study.plot("covariance", _draw_drives(cases))
+    cases = [case for name, kind in driven for case in _drive(name, cameras[name], kind, options)]
+    study.plot("covariance", _draw_drives(cases, cameras))
     return study.result(_drive_metrics(cases))
 
 
@@ -348,23 +347,28 @@ def _leave_one_out(cases: list[DriveCase]) -> dict[str, tuple[float, float, floa
 
 
 def _drive(
-    name: str, kind: str, options: _Drives, radius: float = 0.6, batches: int = 8
+    name: str,
+    sensor: LineSensor,
+    kind: str,
+    options: _Drives,
+    radius: float = 0.6,
+    batches: int = 8,
 ) -> list[DriveCase]:
     """Simulate all motions of three equal cameras over one ground.
 
     Args:
         name: name of the camera type.
+        sensor: camera of this type.
         kind: kind of the ground.
         options: number of starts, noise and seed.
         radius: radius of the circle on which the cameras are mounted [m].
         batches: number of batches from each start.
     """
-    camera = _CAMERAS[name]
-    sensors = tangential(radius, camera)
+    sensors = tangential(radius, sensor)
     configuration = OdometryConfiguration(sensors=sensors)
     rig = Rig(sensors, ground(kind, _HARDER.get(kind, 4096)), options.noise, options.seed)
     generator = np.random.default_rng(options.seed)
-    largest = camera.sideways_speed
+    largest = sensor.sideways_speed
     cases = []
     for motion, shares in _MOTIONS.items():
         twist = largest * np.array(shares) / np.array([1.0, 1.0, radius])
@@ -399,12 +403,12 @@ def _drive_metrics(cases: list[DriveCase]) -> dict[str, Metric]:
     return metrics
 
 
-def _draw_drives(cases: list[DriveCase]) -> Figure:
+def _draw_drives(cases: list[DriveCase], cameras: Mapping[str, LineSensor]) -> Figure:
     title = "Squared error of the twist divided by its expectation; bars: standard error"
     y = "squared error / its expectation [1]"
-    figure, (panels,) = style.panels(title, 1, len(_CAMERAS), size=(13.0, 4.8), y=y, sharey=True)
+    figure, (panels,) = style.panels(title, 1, len(cameras), size=(13.0, 4.8), y=y, sharey=True)
     places = np.arange(len(_MOTIONS))
-    for axes, name in zip(panels, _CAMERAS, strict=True):
+    for axes, (name, sensor) in zip(panels, cameras.items(), strict=True):
         axes.axhspan(*_BAND, color=style.PALE, alpha=0.6, linewidth=0.0)
         axes.axhline(1.0, color=style.GRAY, linewidth=1.0)
         for i, (kind, color) in enumerate(zip(_GROUNDS, _COLORS, strict=False)):
@@ -413,15 +417,17 @@ def _draw_drives(cases: list[DriveCase]) -> Figure:
             axes.plot(places + 0.2 * (i - 1), mean, "o", color=color, label=kind)
             look = {"fmt": "none", "color": color, "capsize": 2}
             axes.errorbar(places + 0.2 * (i - 1), mean, spread, **look)
-        view = _CAMERAS[name]
-        size = f"{1e3 * view.length:g} x {1e3 * view.width:g} mm"
-        axes.set_title(f"{name}: {view.pixels} px, {size}")
+        axes.set_title(f"{name}: {_size(View.of(sensor))}")
         axes.set_xticks(places, list(_MOTIONS), rotation=35, ha="right")
         axes.set_yscale("log")
         axes.set_yticks([0.5, 0.8, 1.0, 1.25, 2.0], ["0.5", "0.8", "1", "1.25", "2"])
         axes.minorticks_off()
     panels[0].legend(loc="upper left")
     return figure
+
+
+def _size(view: View) -> str:
+    return f"{view.pixels} px, {1e3 * view.length:g} x {1e3 * view.width:g} mm"
 
 
 OPTIONS = {"covariance": _Drives}

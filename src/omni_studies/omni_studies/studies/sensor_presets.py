@@ -23,7 +23,6 @@ from matplotlib.ticker import PercentFormatter
 
 from linescan_odometry.configuration import METHODS, OdometryConfiguration
 from omni_figures import style
-from omni_loop.experiment import ExperimentLibrary
 from omni_loop.metrics import Metric
 from omni_platform.configuration import parameter
 from omni_platform.quantities import FloatArray
@@ -73,7 +72,7 @@ class Options(line_options.TextureOptions):
 def run(options: Options, study: StudyRun) -> StudyResult:
     """Compute and simulate the highest speeds; write figure, data and metrics."""
     grounds = line_options.grounds_of(options, study.experiments)
-    sensors = {name: _sensor(study.experiments, preset.file) for name, preset in _PRESETS.items()}
+    sensors = {name: study.experiments.camera(preset.file) for name, preset in _PRESETS.items()}
     metrics: dict[str, Metric] = {}
     tried = {}
     for name, sensor in sensors.items():
@@ -106,7 +105,7 @@ def run(options: Options, study: StudyRun) -> StudyResult:
     for ground, texture in grounds.items():
         for name, sensor in sensors.items():
             metrics |= _driven(f"{name}_{ground}", sensor, texture, options)
-    full = _sensor(study.experiments, _SECOND).sideways_speed
+    full = study.experiments.camera(_SECOND).sideways_speed
     metrics["computed_speed.lis770i_full"] = Metric(full, "m/s", note="770 px at 1300 lines/s")
     study.figure("sensor_presets.png", draw_speed_limits(tried, options.needed))
     return study.result(metrics)
@@ -199,10 +198,6 @@ def _driven(
         metrics[f"odometry_availability.{case}_{direction}"] = Metric(share, "%")
         metrics[f"odometry_rms_error.{case}_{direction}"] = rms
     return metrics
-
-
-def _sensor(library: ExperimentLibrary, preset: str) -> LineSensor:
-    return next(iter(library.sensors(preset).values()))
 
 
 def _highest(speeds: FloatArray, share: FloatArray, needed: float) -> float:
