@@ -114,6 +114,14 @@ def unit(name: str) -> str:
     return ".".join(path.parts[1:-1]) if len(path.parts) > 3 else name
 
 
+def test_the_quality_of_service_of_each_publisher_can_be_overridden() -> None:
+    """Parameters override what `omni_ros.qos.advertise` declares."""
+    for name, path in MODULES.items():
+        # `node_check` stands for the nodes of a user, `omni_ros` declares the publishers.
+        if name.endswith("_node") and "node_check" not in name:
+            assert ".create_publisher(" not in path.read_text(encoding="utf-8"), name
+
+
 def test_every_number_of_a_configuration_has_bounds() -> None:
     """With bounds, no permitted value overflows; seeds are limited to 64 bits."""
     for name in MODULES:

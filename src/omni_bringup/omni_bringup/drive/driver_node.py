@@ -47,6 +47,7 @@ from omni_sim.ground.friction import FrictionPatch
 
 _ASSISTANT = "brake_assist"  # in the namespace of this node
 _SWITCH = "enabled"
+_DRIVER_COMMAND = topics.Topic("driver/cmd_vel", topics.TWIST_STAMPED, "driver")
 _PARAMETER_EVENTS = topics.Topic(
     "parameter_events", "rcl_interfaces/msg/ParameterEvent", "every node", shared=True
 )
@@ -126,8 +127,8 @@ class DriverNode(Node):
                 "port", f"cannot be used at {configuration.host}: {error.strerror}"
             ) from None
         self.state: dict[str, Any] = {"assist": configuration.assist}
-        self._pedal = self.create_publisher(JointState, topics.DRIVER_PEDAL.name, qos.RELIABLE)
-        self._command = self.create_publisher(TwistStamped, "driver/cmd_vel", qos.RELIABLE)
+        self._pedal = qos.advertise(self, topics.DRIVER_PEDAL)
+        self._command = qos.advertise(self, _DRIVER_COMMAND)
         self._assistant = f"{self.get_namespace().rstrip('/')}/{_ASSISTANT}"
         self._assist = self.create_client(SetParameters, f"{_ASSISTANT}/set_parameters")
         self.received = 0

@@ -21,7 +21,7 @@ from omni_platform.quantities import SECOND_NS
 from omni_recording import folder, mcap
 from omni_recording.error import BagError
 from omni_ros import parameters, process, qos, startup
-from omni_ros.messages import leading_stamp, message_class, to_time
+from omni_ros.messages import leading_stamp, to_time
 from omni_ros.report import report
 
 
@@ -65,25 +65,20 @@ class PlayerNode(Node):
     def __init__(self) -> None:
         super().__init__("player")
         self.startup = parameters.declare_configuration(self, startup.StartupConfiguration)
-        self.configuration = parameters.declare_configuration(self, PlayerConfiguration)
-        self.clock = self.create_publisher(Clock, topics.CLOCK.path, qos.RELIABLE)
+        configuration = parameters.declare_configuration(self, PlayerConfiguration)
+        self.configuration = configuration
+        self.clock = qos.advertise(self, topics.CLOCK)
         self.inputs = {
-            topic: self.create_publisher(message_class(kind, "input_types"), topic, qos.RELIABLE)
-            for topic, kind in zip(
-                self.configuration.inputs, self.configuration.input_types, strict=True
-            )
+            topic: qos.advertise(self, topics.Topic(topic, kind, "player"))
+            for topic, kind in zip(configuration.inputs, configuration.input_types, strict=True)
         }
         self.published = dict.fromkeys(self.inputs, 0)
-        self.results = dict.fromkeys(self.configuration.outputs, 0)
-        self._newest = dict.fromkeys(self.configuration.outputs, -1)  # stamps of results [ns]
+        self.results = dict.fromkeys(configuration.outputs, 0)
+        self._newest = dict.fromkeys(configuration.outputs, -1)  # stamps of results [ns]
         self._waiting: deque[int] = deque()  # stamps of rounds [ns]
-        for topic, kind in zip(
-            self.configuration.outputs, self.configuration.output_types, strict=True
-        ):
-            answered = partial(self._on_result, topic)
-            self.create_subscription(
-                message_class(kind, "output_types"), topic, answered, qos.RELIABLE, raw=True
-            )
+        for topic, kind in zip(configuration.outputs, configuration.output_types, strict=True):
+            replayed = topics.Topic(topic, kind, "the replayed node")
+            qos.subscribe(self, replayed, partial(self._on_result, topic), raw=True)
 
     def publish_round(self, messages: list[mcap.RecordedMessage]) -> None:
         """Publish the clock, then the messages of a round."""
