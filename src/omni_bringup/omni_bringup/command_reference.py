@@ -61,7 +61,7 @@ def _rows(cls: Any) -> Iterator[str]:
         default = defaults[name]
         if default is dataclasses.MISSING:
             shown = "required"
-        elif default is None or default == () or isinstance(default, bool):
+        elif isinstance(default, bool) or default in (None, (), ""):
             shown = ""
         else:
             values = default if isinstance(default, tuple) else (default,)
