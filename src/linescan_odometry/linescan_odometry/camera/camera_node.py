@@ -154,7 +154,7 @@ class CameraNode(Node):
             "frames per second": f"{clock.rate:.4g} (configured {nominal:g})",
             "lines per second": f"{self._assembler.line_rate:g}",
             "frames lost": f"{clock.lost}, and {self._overrun} because of high CPU load",
-            "clock resets": str(clock.anew),
+            "clock resets": str(clock.resets),
             "mean gray level": f"{frame.picture.mean():.1f}",
         }
         words = []
@@ -165,7 +165,7 @@ class CameraNode(Node):
                 f"frame rate {100.0 * off:+.1f} % off its configured value: set frame_rate"
             )
         level = WARN if words else OK
-        key = (lost, clock.anew, abs(off) > _OFF_RATE)
+        key = (lost, clock.resets, abs(off) > _OFF_RATE)
         self._lost = lost
         self._status.update(stamp_ns, key, Status(level, "; ".join(words) or "delivering", values))
 

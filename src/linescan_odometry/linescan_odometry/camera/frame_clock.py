@@ -19,7 +19,7 @@ class FrameClock:
 
     Attributes:
         lost: number of lost frames so far.
-        anew: number of times the clock was reset so far.
+        resets: number of resets of the clock so far.
     """
 
     def __init__(self, rate: float) -> None:
@@ -33,7 +33,7 @@ class FrameClock:
         self._last_ns: float | None = None
         self._number: int | None = None
         self.lost = 0
-        self.anew = 0
+        self.resets = 0
 
     @property
     def rate(self) -> float:
@@ -62,7 +62,7 @@ class FrameClock:
         if abs(error) > furthest * self._period_ns:
             # Arrivals and stamps disagree, for example because a late frame was taken for a lost
             # one. Reset the clock to the time of arrival. Stamps must not decrease.
-            self.anew += 1
+            self.resets += 1
             self._last_ns = max(float(arrival_ns), self._last_ns + 1.0)
             return round(self._last_ns), max(lost, 1)
         self._last_ns += steps * self._period_ns + _FOLLOWED * error

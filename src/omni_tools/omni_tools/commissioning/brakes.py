@@ -63,7 +63,7 @@ class Response(NamedTuple):
         moving: whether the rolling speed of each wheel is high enough for a defined slip, shape (T,
             N).
         braking: whether the driver brakes, shape (T, 1).
-        near: whether a row is within `Tolerances.latest` of the start of a stop, shape (T,).
+        starting: whether a row is within `Tolerances.latest` of the start of a stop, shape (T,).
         period: time between two rows [s].
         radius: radius of each wheel [m], shape (N,).
         limit: maximum torque that the ground can transmit to each wheel [N m], shape (N,).
@@ -76,7 +76,7 @@ class Response(NamedTuple):
     rolling: FloatArray
     moving: BoolArray
     braking: BoolArray
-    near: BoolArray
+    starting: BoolArray
     period: float
     radius: FloatArray
     limit: FloatArray
@@ -154,8 +154,8 @@ def response_of(
     begun = np.flatnonzero(np.diff((pedal > 0.0).astype(int), prepend=0) > 0)
     apart = np.abs(np.arange(len(pedal))[:, np.newaxis] - begun).min(axis=1, initial=len(pedal))
     delayed = _acting(demand, signals.period, vehicle.brake)
-    braking, near = pedal[:, np.newaxis] > 0.0, apart * signals.period <= _ALLOWED.latest
-    rows = slip, torque, delayed, rolling, moving, braking, near
+    braking, starting = pedal[:, np.newaxis] > 0.0, apart * signals.period <= _ALLOWED.latest
+    rows = slip, torque, delayed, rolling, moving, braking, starting
     return Response(*rows, signals.period, radius, limit, vehicle.brake)
 
 
@@ -193,7 +193,7 @@ def _late(response: Response) -> int:
         np.ma.masked_array(values, ~response.moving).mean(axis=1, keepdims=True).filled(0.0)
         for values in (response.torque, response.action())
     )
-    near = np.flatnonzero(response.near & np.any(response.moving, axis=1))
+    near = np.flatnonzero(response.starting & np.any(response.moving, axis=1))
     first = -round(response.brake.dead_time / response.period)
     rows = range(first, round(_ALLOWED.latest / response.period))
     if not len(near):
