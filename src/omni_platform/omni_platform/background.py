@@ -91,8 +91,8 @@ def in_background(work: Callable[[], _T], *, worth: bool = True) -> Callable[[],
 
     Args:
         work: usually a call of one long kernel.
-        worth: False for work shorter than a few tenths of a millisecond, which is not worth
-            queuing; the returned function then does it.
+        worth: whether the work is worth queuing. If it takes less than a few tenths of a
+            millisecond, it is not; with False, the returned function does the work.
     """
     queue = _queue() if worth else None
     begun = _Work(work, queue)

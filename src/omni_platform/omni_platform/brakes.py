@@ -25,10 +25,13 @@ brakes; motor drives with a torque or a speed command"""
 
 
 def typical_changes(brakes: str) -> tuple[str, ...]:
-    """Return the overrides that give a vehicle the brakes with this name in `TYPICAL`.
+    """Return configuration overrides, such as ``vehicle.brake.dead_time=0.06``, for typical brakes.
 
     The overrides replace the kind and the timing of the vehicle's brakes, but not torque, power and
     ramp.
+
+    Args:
+        brakes: kind of the brakes, a key of `TYPICAL`.
     """
     timing = ("dead_time", "release_time", "time_constant")
     values = {key: getattr(BrakeConfiguration, key) for key in timing}

@@ -24,7 +24,7 @@ C = TypeVar("C", bound=configuration.Configuration)
 
 @dataclasses.dataclass(frozen=True)
 class _Spelling:
-    """Command-line form of an option that differs from the default form for its field."""
+    """Properties of an option that do not follow from its field; see `option`."""
 
     flag: str | None = None
     metavar: str | None = None

@@ -1,4 +1,4 @@
-"""URDF of a vehicle, for viewers and frames."""
+"""Robot description (URDF) of a vehicle, for viewers and for the frames of tf2."""
 
 import math
 from collections.abc import Mapping
@@ -22,9 +22,9 @@ def urdf(
 ) -> str:
     """Return the URDF of a vehicle.
 
-    `base_link` is on the ground below the platform's center. The joint of a wheel has the name of
-    the wheel, so that `wheel_states` are joint states. The origin of a camera's frame is the center
-    of the footprint of the camera, and the x axis of the frame is its measuring direction.
+    `base_link` is on the ground below the platform's center. Each wheel's joint has the name of the
+    wheel, so messages on `wheel_states` are states of these joints. The frame of a camera or flow
+    sensor has its origin at the center of the footprint and its x axis along the sensor's axis.
 
     Args:
         name: name of the robot.

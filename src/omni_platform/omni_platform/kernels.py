@@ -80,9 +80,10 @@ _defer_reference_counts()
 def _declares(**options: Any) -> Callable[[_F], _F]:
     """Return a decorator that declares a kernel with these options of numba.
 
-    numba gives every kernel an entry point for Python, which converts all arguments and takes a
-    quarter of the compilation time. Other kernels call a second dispatcher of the function, which
-    lacks this entry point. Only kernels that Python calls are therefore compiled with it.
+    A call from Python requires an entry point that converts the arguments. Compiling the entry
+    point takes a quarter of the compilation time. The decorator therefore makes two dispatchers of
+    a function: one with the entry point, for Python, and one without it, for other kernels. Each
+    dispatcher compiles the function only if it is called.
     """
     declare = functools.partial(
         njit, cache=True, nogil=True, error_model="numpy", no_cfunc_wrapper=True, **options

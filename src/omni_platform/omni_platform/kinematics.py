@@ -34,7 +34,7 @@ class PlatformKinematics:
     Attributes:
         geometry: positions and directions of the wheels.
         matrix: matrix ``M`` of Eq. (33), which maps the body twist to ``R_i cos gamma_i omega_i``
-            [m/s], shape (N, 3): [1], [1], [m].
+            [m/s], with columns in [1], [1] and [m], shape (N, 3).
 
     Raises:
         UnusablePlatformError: a wheel has ``cos gamma = 0``, or ``rank M < 3``.
@@ -131,7 +131,7 @@ def smallest_singular_value(matrix: FloatArray, geometry: PlatformGeometry) -> f
     The lengths are divided by the largest distance between a wheel and the platform's center.
 
     Args:
-        matrix: matrix ``M`` of Eq. (33), shape (N, 3): [1], [1], [m].
+        matrix: matrix ``M`` of Eq. (33), with columns in [1], [1] and [m], shape (N, 3).
         geometry: positions of the wheels.
     """
     return float(_singular_values(matrix, geometry)[-1])

@@ -51,8 +51,8 @@ def check_name(key: str, name: str, built_in: Collection[str], group: str) -> No
 
     Args:
         key: key of the configuration.
-        name: name of a built-in part, an entry point of `group`, or ``module:Class``.
-        built_in: names of the built-in parts.
+        name: name of a built-in class, an entry point of `group`, or ``module:Class``.
+        built_in: names of the built-in classes.
         group: group of entry points.
 
     Raises:
@@ -78,9 +78,9 @@ def load_class(
     Args:
         key: key of the configuration.
         name: an entry point of `group`, or ``module:Class``.
-        built_in: names of the built-in parts, for messages.
+        built_in: names of the built-in classes, for messages.
         group: group of entry points.
-        methods: methods that the class must have.
+        *methods: names of the methods that the class must have.
 
     Raises:
         ConfigurationError: the class cannot be imported, or lacks a required method.

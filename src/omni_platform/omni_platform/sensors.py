@@ -103,8 +103,8 @@ def sensor_matrix(sensors: Mapping[str, Mount]) -> FloatArray:
         sensors: sensors, keyed by name.
 
     Returns:
-        Matrix of shape (R, 3), with one row for a line camera and two for a flow sensor, in the
-        order of the sensors: [1], [1], [m].
+        Matrix with columns in [1], [1] and [m], shape (R, 3). The rows are in the order of the
+        sensors: one for a line camera, two for a flow sensor.
     """
     rows = [
         velocity_row(sensor.x, sensor.y, direction)
@@ -123,8 +123,8 @@ def velocity_row(x: float, y: float, direction: float) -> tuple[float, float, fl
         direction: direction ``d``, counter-clockwise from forward [rad].
 
     Returns:
-        ``(cos d, sin d, cross(r, a))`` with the point ``r = (x, y)`` and the unit vector ``a = (cos
-        d, sin d)``: [1], [1], [m].
+        ``(cos d, sin d, cross(r, a))`` [1, 1, m] with the point ``r = (x, y)`` and the unit vector
+        ``a = (cos d, sin d)``.
     """
     a_x, a_y = math.cos(direction), math.sin(direction)
     return a_x, a_y, x * a_y - y * a_x

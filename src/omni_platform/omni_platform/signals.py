@@ -1,4 +1,4 @@
-"""Types of samples, one for each signal, with the same values as the messages of its topic.
+"""Types of samples; each type contains the values of one signal, as the signal's message does.
 
 In one process, simulator, odometry and brake assistant exchange samples directly. In a ROS graph,
 the `messages.py` of each package converts standard messages to samples.

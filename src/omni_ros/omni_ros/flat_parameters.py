@@ -28,8 +28,8 @@ def flatten(
     Args:
         configuration: the configuration.
         prefix: dotted path that is put before each name.
-        part: base class of the configuration's class, of which only the fields are returned; None
-            for all fields.
+        part: base class of the configuration's class, to return only the fields of the base class;
+            None for all fields.
 
     Returns:
         Values of the types bool, int, float, str, or list of float or str, keyed by parameter name.
@@ -54,7 +54,7 @@ def flatten(
 
 
 def unflatten(cls: type[C], read: ReadParameter) -> C:
-    """Return a configuration whose parameters are read one by one.
+    """Build a configuration by reading its parameters one by one.
 
     Args:
         cls: the configuration to build.

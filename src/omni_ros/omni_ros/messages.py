@@ -67,7 +67,7 @@ def to_nanoseconds(stamp: Time) -> int:
 def _nanoseconds(seconds: int, nanoseconds: int) -> int:
     """Return the sum [ns] of the two parts of a stamp.
 
-    `nanoseconds` is limited to the end of the second, because it is invalid from 1e9 on.
+    A value of `nanoseconds` from 1e9 on is invalid; it counts as the end of the second.
     """
     return seconds * SECOND_NS + min(nanoseconds, SECOND_NS - 1)
 
@@ -82,7 +82,8 @@ def leading_stamp(data: bytes, of_list: bool = False) -> int | None:
             the stamp of the first one is returned.
 
     Returns:
-        The stamp; None if it is missing or negative, which a recording cannot contain.
+        The stamp; None if the message is too short, or if the stamp is negative, because a
+        recording cannot contain a negative stamp.
     """
     offset = _STAMP_OFFSET + (_LENGTH.size if of_list else 0)
     if len(data) < offset + _LITTLE_ENDIAN_STAMP.size:

@@ -103,8 +103,8 @@ def _limited_construction(stop: StopFlag) -> Iterator[None]:
     """Limit the time for which the construction of a node continues after a signal.
 
     A subscription acknowledges messages before the construction of its node ends. If a signal ended
-    the process at once, these messages would be lost. The process therefore ends only if the block
-    does not end in time.
+    the process at once, these messages would be lost. After a signal, the construction within the
+    block therefore continues; if it exceeds `_CONSTRUCTION_TIMEOUT`, the process ends.
     """
 
     def request(number: int, *_: object) -> None:

@@ -10,7 +10,7 @@ from omni_ros import process
 
 
 class StartupConfiguration(Configuration):
-    """Subscriptions for which a node waits before it publishes, so that none misses a message."""
+    """Subscriptions that must exist before a node publishes, so that no message is missed."""
 
     subscribers: int = parameter(0, minimum=0, maximum=100)
     """Number of subscriptions that each output must have before the node starts to work"""
@@ -20,7 +20,7 @@ class StartupConfiguration(Configuration):
     def await_subscribers(
         self, publishers: Iterable[Publisher], spinner: process.Spinner, count: int | None = None
     ) -> None:
-        """Wait until each publisher has `count` subscriptions, so that none misses a message.
+        """Wait until each publisher has `count` subscriptions, so that no message is missed.
 
         Args:
             publishers: publishers to wait for.

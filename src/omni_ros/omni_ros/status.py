@@ -49,8 +49,8 @@ def steady_clock() -> Clock:
 class StatusReporter:
     """Publishes the status of a node.
 
-    The rate is based on a monotonic clock, so a node reports even before its first input and while
-    simulated time is paused.
+    Unless `diagnostics_period` is 0, a timer with a monotonic clock also publishes the status, even
+    before the first update and while simulated time is paused.
 
     Args:
         node: node that publishes, on which the parameter of `StatusConfiguration` is declared.

@@ -1,6 +1,6 @@
-"""Publisher of transforms while a node runs, if `tf2_msgs` is installed.
+"""Publisher of transforms, which requires `tf2_msgs`.
 
-The ROS wheels do not contain this package.
+The Python packages of ROS that pip installs do not include `tf2_msgs`.
 """
 
 import contextlib

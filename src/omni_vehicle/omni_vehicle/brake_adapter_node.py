@@ -59,7 +59,7 @@ class TopicsConfiguration(Configuration):
     """Whether Bool messages on the topic estop are required; a message with the value true requests
     full braking"""
     pedal_timeout: float = parameter(0.1, unit="s", above=0.0, maximum=2.0)
-    """Time without a demand, or without an emergency-stop message, that counts as full braking"""
+    """Time without a demand, or without an emergency-stop message, after which all brakes are on"""
     period: float = parameter(0.01, unit="s", minimum=0.001, maximum=0.05)
     """Time between two commands"""
 

@@ -26,7 +26,7 @@ class FlowNodeConfiguration(Configuration):
     """Name of the flow sensor, and periods with which the node reads and reopens it."""
 
     sensor: str = parameter("flow")
-    """Name of the sensor, as in flow_sensors"""
+    """Name of the sensor, as in the odometry's parameter flow_sensors"""
     period: float = parameter(0.0, unit="s", minimum=0.0, maximum=0.05)
     """Time between two readings; 0 for 10 ms with an OTOS, and for a quarter of the time between
     two images with other chips"""
