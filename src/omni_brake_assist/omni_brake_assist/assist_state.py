@@ -53,7 +53,7 @@ class Constants(NamedTuple):
         brakes: constants of the brake monitor, which detects failed brakes.
         r_x: wheel positions, x [m], shape (N,).
         r_y: wheel positions, y [m], shape (N,).
-        pedal_threshold: pedal position from which on the driver is regarded as braking [1].
+        pedal_threshold: smallest pedal position at which the driver is regarded as braking [1].
         minimum_reference_speed: speed at the start of braking below which no line of motion is
             stored [m/s].
         maximum_time_step: limit on the time step over which the heading is integrated [s].

@@ -369,8 +369,8 @@ def _are_shares(error: FloatArray, enable: FloatArray) -> bool:
 def _is_slow(constants: Constants, step: Any, motion: Motion) -> bool:
     """Return whether the fastest wheel center, Eq. (38), is slower than the speed threshold.
 
-    If the wheel center was slower in the last step, the hysteresis is added to the threshold.
-    During dead reckoning, a share of the initial speed is added.
+    The hysteresis is added to the threshold if this was the case in the last step. During dead
+    reckoning, a share of the speed at the start of the stop is added.
     """
     limit = constants.speed_threshold
     if step.slow:

@@ -74,16 +74,16 @@ class TimingConfiguration(Configuration):
     """Parameters of the node: pairing of the driver's demand with the feedback, and timeouts."""
 
     lockstep: bool = parameter(False)
-    """Lockstep mode: the node waits for the feedback of the same step, without a time limit,
-    before it answers a pedal message; otherwise it answers in real time"""
+    """Whether the node works in lockstep: before it answers a pedal message, it waits for the
+    feedback of the same step, without a time limit. Otherwise it answers in real time"""
     await_imu: bool = parameter(False)
-    """Lockstep: whether the node waits for the IMU reading of a step before it publishes the
+    """In lockstep, whether the node waits for the IMU reading of a step before it publishes the
     enables"""
     twist_period: float = parameter(0.0, unit="s", minimum=0.0, maximum=10.0)
-    """Lockstep: time between two samples of the twist; the node uses each sample until the next one
-    arrives; 0 if every step has a sample"""
+    """In lockstep, time between two samples of the twist; the node uses each sample until the next
+    one arrives; 0 if every step has a sample"""
     demand_timeout: float = parameter(0.1, unit="s", above=0.0, maximum=10.0)
-    """Real time: time without a pedal message after which all brakes are on"""
+    """In real time, time without a pedal message after which all brakes are on"""
     feedback_warning: str = parameter("")
     """Warning about the source of the twist, written by ./omni ros-params; the node logs it at
     start-up and publishes it on /diagnostics"""

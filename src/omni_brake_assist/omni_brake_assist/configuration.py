@@ -81,7 +81,7 @@ class BrakeAssistConfiguration(Configuration):
     minimum_dwell_time: float = parameter(0.0, unit="s", minimum=0.0, maximum=1.0)
     """Minimum time between two switching operations of a valve; ignored when all brakes must act"""
     pedal_threshold: float = parameter(0.05, above=0.0, maximum=1.0)
-    """Pedal position from which on the driver is regarded as braking"""
+    """Smallest pedal position at which the driver is regarded as braking"""
     speed_threshold: float = parameter(0.3, unit="m/s", minimum=0.0, maximum=10.0)
     """Speed of the fastest wheel center below which all brakes are on"""
     speed_hysteresis: float = parameter(0.3, unit="m/s", minimum=0.0, maximum=10.0)
@@ -98,9 +98,8 @@ class BrakeAssistConfiguration(Configuration):
     """Number of consecutive valid twists required before brakes are released, at start-up and
     after a fault"""
     maximum_speed_deviation: float = parameter(0.2, unit="m/s", above=0.0, maximum=100.0)
-    """Limit on the standard deviation of the velocity of a valid twist, in the direction in which
-    this standard deviation is largest; with an IMU, the limit does not apply, and the twist is
-    weighted by its covariance"""
+    """Limit on the standard deviation of the velocity of a valid twist in any direction; with an
+    IMU, the limit does not apply, and the twist is weighted by its covariance"""
     maximum_yaw_rate_deviation: float = parameter(0.2, unit="rad/s", above=0.0, maximum=100.0)
     """Limit on the standard deviation of the yaw rate of a valid twist or, with an IMU, of a valid
     estimate"""
@@ -132,11 +131,11 @@ class BrakeAssistConfiguration(Configuration):
     the speed threshold (0: never)"""
 
     def check_consistency(self) -> None:
-        """Check that k satisfies Eq. (58) and that the wheels can brake the platform.
+        """Check law, tuning constant k and timeouts, and that the wheels can brake the platform.
 
         Raises:
             ConfigurationError: the law is unknown, the vehicle has too many valves for the law, k
-                is even, or `feedback_timeout` exceeds `maximum_time_step`.
+                is even, which Eq. (58) excludes, or `feedback_timeout` exceeds `maximum_time_step`.
             UnusablePlatformError: the wheels cannot brake the platform in all three degrees of
                 freedom, as section 3.3 of the dissertation requires.
         """

@@ -237,7 +237,7 @@ def _is_fresh(limits: Limits, gate: Any, now_ns: int, stamp_ns: int) -> bool:
 
 @lean
 def _worst_variance(covariance: FloatArray) -> float:
-    """Return the variance of the velocity in the direction in which it is largest [m^2/s^2]."""
+    """Return the largest variance of the velocity in any direction [m^2/s^2]."""
     xx, yy = covariance[0, 0], covariance[1, 1]
     across = covariance[0, 1] / 2 + covariance[1, 0] / 2
     return float(xx / 2 + yy / 2 + math.hypot(xx / 2 - yy / 2, across))

@@ -107,7 +107,7 @@ class RejectionTimers:
         self._last_ns = 0  # stamp of the last decision
 
     def update(self, now_ns: int, found: Sequence[Source]) -> tuple[Source, ...]:
-        """Return the sources; sources that are rejected for more than 1 s have the state `REFUSED`.
+        """Return `found`, with the state `REFUSED` for sources that were rejected for over 1 s.
 
         Args:
             now_ns: stamp of the decision [ns].

@@ -3,11 +3,11 @@
 Each hypothesis states which sources are faulty: none, the twist, the gyro, the accelerometer, the
 whole IMU, or too many to estimate the motion. Each hypothesis except the last has an extended
 Kalman filter that does not use the faulty sources. The state of the filter is ``(u_x, u_y, Omega,
-b_g, b_x, b_y, s, o)``. ``u = v + Omega k x p`` is the velocity of the point ``p`` in the body frame
-at which the IMU is mounted, and ``Omega`` the yaw rate. ``b_g``, ``b_x`` and ``b_y`` are the biases
-of gyro and accelerometer, ``s`` is the relative error of the wheel radii, and ``o`` the offset of
-the twist's yaw rate. At the point ``p``, the specific force ``f`` gives the change of the velocity
-without the angular acceleration:
+b_g, b_x, b_y, s, o)``. ``u = v + Omega k x p`` is the velocity of the point ``p`` at which the IMU
+is mounted, in the body frame, and ``Omega`` the yaw rate. ``b_g``, ``b_x`` and ``b_y`` are the
+biases of gyro and accelerometer, ``s`` is the relative error of the wheel radii, and ``o`` the
+offset of the twist's yaw rate. At the point ``p``, the specific force ``f`` gives the change of the
+velocity without the angular acceleration:
 
     u' = R(-Omega dt) u + R(-Omega dt / 2) (f - b) dt
 

@@ -81,7 +81,7 @@ def estimate(
 
 @lean
 def _restart(memory: BankMemory, now_ns: int) -> None:
-    """While a source is isolated, copy the best filter to the filter of all sources periodically.
+    """While a source is isolated, periodically copy the best filter to the filter that uses all.
 
     If the isolated source has recovered, it agrees with the copied state. The hypothesis that no
     source is faulty then becomes the most probable one again.
@@ -211,12 +211,12 @@ def _mix(memory: BankMemory, best: int) -> None:
 def _keep_precise(
     constants: BankConstants, memory: BankMemory, best: int, twist: bank.Twist, answer: FloatArray
 ) -> None:
-    """Overwrite each component of `answer` for which the twist has less variance than the filter.
+    """Replace components of `answer` by those of the received twist that have a smaller variance.
 
-    Both variances describe the motion of base_link. A precise twist is better used directly, as the
-    filter would only add its model errors. The twist is used directly only if its innovations are
-    no larger than expected: the mean of their normalized squares is at most 1. The estimated offset
-    of the yaw rate counts as part of the twist's error.
+    A precise twist is better used directly, because the filter would only add its model errors. It
+    is used only if its innovations are no larger than expected: the mean of their normalized
+    squares must be at most 1. The estimated offset of the yaw rate counts as part of the twist's
+    error. Both variances describe the motion of base_link.
     """
     agrees = measurement.GATE * (memory.ratio[0] + memory.ratio[1]) <= answer.size
     if best not in (bank.NO_TWIST, bank.NO_ESTIMATE) and agrees:

@@ -1,10 +1,10 @@
 """Measurement models of the filter bank.
 
 For each source, the functions compute the prediction, the innovation, its variance, the test ratio
-(normalized innovation squared divided by `GATE`) and the log likelihood under each hypothesis of
-which source is faulty (see `state`). Gyro and twist are fused only if their test ratio is at most
-1; the twist of a vehicle without an IMU is always fused. A wheel speed is fused only if the wheel
-probably rolls.
+(normalized innovation squared divided by `GATE`) and the log likelihood under each hypothesis about
+the faulty source (see `state`). Gyro and twist are fused only if their test ratio is at most 1; the
+twist of a vehicle without an IMU is always fused. A wheel speed is fused only if the wheel probably
+rolls.
 
 A reading of a faulty gyro or twist is modeled as a random walk from the last reading, with steps as
 large as the vehicle's motion allows. A reading of a faulty encoder is uniformly distributed over a
@@ -122,8 +122,8 @@ def _twist_error(
     Args:
         constants: constants of the vehicle.
         memory: memory of the bank; its field `h` is set to the direction of the component.
-        k: filter that predicts the component; NO_ESTIMATE predicts the last reading, as for a
-            faulty component.
+        k: number of the filter that predicts the component. With NO_ESTIMATE, the prediction is
+            the last twist, as for a faulty component.
         j: index of the component.
         dt: time since the last twist [s].
         twist: the twist.
@@ -145,13 +145,14 @@ def _twist_error(
 def _twist_fit(
     constants: BankConstants, memory: BankMemory, dt: float, twist: bank.Twist
 ) -> tuple[float, float]:
-    """Return twice the log likelihood ratio of correct versus faulty, for both parts of a twist.
+    """Return how much more likely the velocity and the yaw rate of a twist are correct than faulty.
 
-    The parts are velocity and yaw rate. The filter that does not use the twist predicts a correct
-    part. Without an IMU, this filter cannot predict the velocity.
+    A correct value agrees with the filter that does not use the twist, and a faulty one with the
+    last twist. Without an IMU, this filter cannot predict the velocity.
 
     Returns:
-        Ratio of the velocity, which is 0 without an IMU, and ratio of the yaw rate [1].
+        Twice the log likelihood ratio of correct to faulty [1], for the velocity (0 without an IMU)
+        and for the yaw rate.
     """
     velocity, rate = 0.0, 0.0
     for j in range(3):
@@ -274,8 +275,8 @@ def fuse_wheels(
 def _slip(constants: BankConstants, memory: BankMemory, push: float) -> float:
     """Return the standard deviation of the slip of driven wheels [m/s].
 
-    It is 0 in a stop after the clutch has opened, when no wheel is driven any more. The argument
-    `push` is that of `fuse_wheels`.
+    In a stop, it is 0 after the clutches of the drives have opened, because no wheel is driven any
+    more. The argument `push` is that of `fuse_wheels`.
     """
     # After the clutch has opened, a driven wheel takes as long to roll as a released one.
     if memory.record[0].braked >= constants.spin_up:
@@ -333,7 +334,8 @@ def _fuse_wheel(
     If the wheel probably rolls, the filter is also corrected.
 
     Returns:
-        Likelihood of the reading if the encoder is fault-free [s/m].
+        Likelihood of the reading if the encoder is fault-free [s/m]. The part of sliding is limited
+        to the likelihood with a faulty encoder.
     """
     rolls, slides, locked, own, excess, span = wheel
     h, state, rim = memory.h, memory.state[k], memory.rim[i]

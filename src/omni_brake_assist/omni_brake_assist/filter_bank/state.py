@@ -173,7 +173,7 @@ class BankMemory(NamedTuple):
         state: state of each filter, columns `U_X` to `OFFSET`, shape (5, 8).
         covariance: covariance of each filter, shape (5, 8, 8).
         posterior: log probabilities of the hypotheses, shape (6,).
-        evidence: log likelihoods of the readings of a step, shape (6,).
+        evidence: log likelihood of the readings of a step under each hypothesis, shape (6,).
         record: stamps and flags, a record of `BANK`, shape (1,).
         released: time for which each brake has been released [s], shape (N,).
         rim: last speed of each rim along the active direction [m/s], shape (N,).

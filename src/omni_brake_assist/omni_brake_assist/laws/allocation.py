@@ -62,10 +62,10 @@ def new_memory(wheels: int) -> Memory:
 def step(
     law: Constants, memory: Memory, motion: Motion, error: FloatArray, enable: FloatArray
 ) -> int:
-    """Compute the enables of one step; the arguments are those of `Law.step`.
+    """Compute the enables of one step; arguments and result are those of `Law.step`.
 
-    The error of a wheel is the speed of its hub minus the hub speed at which the wheel would have
-    the target slip [m/s].
+    The error of a wheel is the speed of its hub minus the hub speed at which the wheel, with its
+    present rim speed, would have the target slip [m/s].
     """
     body = memory.body[0]
     body.dt = motion.dt if motion.dt > 0.0 else _PERIOD

@@ -1,8 +1,8 @@
 """Constants and memory of the law `allocation`.
 
-Each wheel is reduced to its rim, by means of the lever of the friction force about the axle. The
-wheel speed becomes the speed of the rim along the active direction, the wheel's inertia becomes a
-mass, and the brake torque becomes a force.
+Each wheel is modeled as a mass at its rim. The lever of the friction force about the axle converts
+the wheel speed to the speed of the rim along the active direction, the wheel's inertia to the mass,
+and the brake torque to a force.
 """
 
 from typing import NamedTuple

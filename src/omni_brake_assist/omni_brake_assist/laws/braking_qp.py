@@ -88,8 +88,8 @@ def best_pattern(memory: Memory) -> int:
 
     Bit `i` of a pattern is set if valve `i` is open. If the brake force of a wheel far exceeds its
     capacity, the wheel slides during the whole prediction with an open or a shut valve, so both
-    have the same cost. The function then returns the smallest number, in which the valve is shut,
-    so that the brake force decreases.
+    patterns have the same cost. Of such patterns, the smallest number is returned. Its valve is
+    shut, so that the brake force decreases.
     """
     qp, n = memory.qp, memory.wheel.size
     least, best = math.inf, 0

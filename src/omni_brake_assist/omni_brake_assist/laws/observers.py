@@ -73,13 +73,13 @@ def observe_wheels(law: Constants, memory: Memory, motion: Motion, error: FloatA
 def observe_friction(law: Constants, memory: Memory) -> None:
     """Update friction forces and capacities of all wheels.
 
-    The force of a sliding wheel is its capacity. While the force rises faster than the capacity may
-    grow, however, the tire is still deflecting. The force is then a lower bound of the capacity,
-    even if the wheel slides. During this rise, an error of the nominal lag appears as friction. The
-    capacity therefore rises to the force with the time constant of the lag.
+    The force of a sliding wheel is its capacity. If the force rises faster than the capacity may
+    grow, however, the tire is still deflecting, and the force is only a lower bound of the
+    capacity. The capacity then rises to the force with the time constant of the brakes' nominal
+    lag, because an error of this lag appears as friction.
 
-    A wheel without a speed reading has the largest capacity of the other wheels. This capacity
-    limits its force.
+    A wheel without a speed reading gets the largest capacity of the other wheels as its capacity,
+    which limits its force.
     """
     dt = memory.body[0].dt
     gain, largest = 1.0 - math.exp(-dt / law.observer_time), 0.0

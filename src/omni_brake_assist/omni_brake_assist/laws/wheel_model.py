@@ -34,12 +34,12 @@ class NominalBrake(NamedTuple):
 
 
 class BrakedWheel(NamedTuple):
-    """Properties of a braked wheel that the law assumes.
+    """Properties of a braked wheel that the law assumes during a step.
 
     Attributes:
         capacity: largest friction force [N].
-        peak_slip: ratio of sliding speed to rim speed from which on the friction force equals the
-            capacity [1].
+        peak_slip: smallest ratio of sliding speed to rim speed at which the friction force equals
+            the capacity [1].
         mass: inertia of the wheel as a mass at its rim [kg].
         hub: speed of the wheel's center along the active direction [m/s], at least 0.
     """
@@ -85,7 +85,7 @@ def lagged(brake: NominalBrake, force: float, command: float, dt: float) -> tupl
     """Return the force of a brake with lag after one step, and its mean over the step [N].
 
     Args:
-        brake: nominal lag of the brake; its dead time has passed.
+        brake: nominal lag of the brake; only its time constant is used.
         force: brake force before the step [N].
         command: commanded brake force [N].
         dt: length of the step [s].
@@ -102,7 +102,7 @@ def command_for(brake: NominalBrake, force: float, wanted: float, dt: float) -> 
     """Return the command with which a brake reaches a wanted force after one step [N].
 
     Args:
-        brake: nominal lag of the brake; its dead time has passed.
+        brake: nominal lag of the brake; only its time constant is used.
         force: brake force before the step [N].
         wanted: brake force after the step [N].
         dt: length of the step [s].
@@ -149,7 +149,7 @@ def advance(
     """Return brake force, rim speed and low-passed friction force after one step.
 
     Args:
-        brake: nominal lag of the brake; its dead time has passed.
+        brake: nominal lag of the brake; only its time constant is used.
         wheel: assumed properties of the wheel.
         rim: state before the step.
         command: commanded brake force [N].

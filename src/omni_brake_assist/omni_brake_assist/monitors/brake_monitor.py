@@ -11,7 +11,7 @@ of two hypotheses: the wheel rolls with a normally distributed deviation, or the
 arbitrary slip. The small, constant slip of a heavily loaded wheel, which its brake cannot lock,
 therefore does not count as free rolling. The sum continues over several commands of the law to the
 same brake. It restarts after the brake has been released for longer than it was commanded to act,
-because the pressure of a brake with a lag then falls before the wheel slides.
+because a brake with a lag then does not reach the pressure at which its wheel slides.
 
 If all brakes act so weakly that no wheel slides, no failure is detected.
 """

@@ -171,7 +171,9 @@ def watch_effect(
 def _share_of_wheels(
     constants: EffectConstants, ledger: Record, dt: float, pedal: float, felt: bool
 ) -> float:
-    """Return the deceleration of the speed ``v``, divided by the possible deceleration, 0 to 1.
+    """Return the rate of decrease of ``v`` divided by the possible deceleration, 0 to 1.
+
+    The module's docstring defines both quantities.
 
     Args:
         constants: constants of the vehicle.
@@ -197,7 +199,9 @@ def _share_of_wheels(
 def _share_of_force(
     constants: EffectConstants, ledger: Record, dt: float, pedal: float, force: FloatArray
 ) -> float:
-    """Return the low-passed specific force, divided by the possible deceleration, 0 to 1.
+    """Return the low-passed specific force divided by the possible deceleration, 0 to 1.
+
+    The module's docstring defines both quantities.
 
     Args:
         constants: constants of the vehicle.
