@@ -35,7 +35,8 @@ class OdometryConfiguration(Configuration):
     metric: str = parameter("pearson", choices=tuple(METRICS))
     """Similarity metric of lines (section 4.3.2), for the method `pairs`"""
     shift_divisor: float = parameter(2.0, minimum=1.1, maximum=64.0)
-    """k: the search is limited to shifts of up to n / k, for lines of n pixels"""
+    """Divisor k of the limit on the shift between two lines, n / k, where n is the number of
+    pixels"""
     search_window: int = parameter(0, unit="px", minimum=0, maximum=16384)
     """Half width of the search range around the last displacement. If the best match is at the
     border of this range, or if its correlation is too low, all shifts are searched; 0 to search all

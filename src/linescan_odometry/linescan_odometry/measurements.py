@@ -25,7 +25,8 @@ class Displacement(NamedTuple):
         correlation: coherence of neighboring lines (method `joint`) or mean correlation of the line
             pairs (method `pairs`), up to 1.
         share: share of the line pairs that were used, 0 to 1.
-        rest: lines without the camera's fixed pattern, shape (m + 1, n); None if it is unknown.
+        rest: logarithm of the gray levels, minus the camera's fixed pattern, shape (m + 1, n); None
+            with the method `pairs`.
     """
 
     value: float
@@ -42,7 +43,8 @@ class SensorReading:
     Attributes:
         velocity: velocity of the camera's position along its axis [m/s], 0 if not measured.
         variance: variance of the velocity [m^2/s^2], `UNMEASURED_VARIANCE` if not measured.
-        correlation: mean correlation of the used line pairs at the peak, up to 1.
+        correlation: coherence of neighboring lines (method `joint`) or mean correlation of the line
+            pairs (method `pairs`), up to 1.
         inlier_share: share of the line pairs that were used, 0 to 1.
         measured: whether velocity and variance are valid.
         reason: reason why velocity and variance are invalid; empty if they are valid.

@@ -292,9 +292,9 @@ class LineScanOdometry:
     def _wrong_views(
         self, readings: Mapping[str, SensorReading], twist: FloatArray
     ) -> dict[str, SensorReading]:
-        """Return the reading of an occluded camera, marked as unmeasured.
+        """Return the reading of an occluded camera, marked as unmeasured, keyed by camera name.
 
-        If no camera is occluded, the readings of cameras over oblique textures are returned.
+        If no camera is occluded, return the readings of cameras over oblique textures in this form.
 
         Args:
             readings: readings of all cameras, keyed by name.

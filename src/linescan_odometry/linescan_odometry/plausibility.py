@@ -97,8 +97,8 @@ def _mark(
         period_ns: line period [ns].
         measured_ns: time of the last measurement [ns].
         expected: displacement of the last measurement [px].
-        reach: permitted difference from `expected` at the time `measured_ns` [px], and the rate at
-            which it grows with the distance from this time [px/ns].
+        reach: permitted difference from `expected` at the time `measured_ns` [px], and its increase
+            per time before or after `measured_ns` [px/ns].
         plausible: output, whether each displacement is permitted, shape (m,).
     """
     tolerance, rate = reach

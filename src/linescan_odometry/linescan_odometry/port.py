@@ -15,7 +15,7 @@ from omni_platform.plugins import load_class, make_part
 from omni_platform.signals import Flow, LineBatch, TwistSample
 
 ODOMETRY_GROUP = "linescan_odometry.odometries"
-"""Group of entry points with which an installed package offers odometry classes."""
+"""Group of entry points in which an installed package registers odometry classes by name."""
 
 _MOST_AHEAD = 2  # batches by which another camera may be ahead before a group stops waiting
 

@@ -99,10 +99,10 @@ class References:
         self.pattern = pattern if len(pattern.precision) else None
 
     def correct(self, lines: Lines) -> Lines:
-        """Return 16-bit lines, corrected for dark signal and gains; unchanged without references.
+        """Return lines corrected for dark signal and gains, with 16 bits.
 
         At a gain of 1, the lines use a quarter of the 16-bit range, so that pixels with larger
-        gains do not saturate.
+        gains do not saturate. Without references, the given lines are returned.
 
         Args:
             lines: m lines of n pixels, shape (m, n).

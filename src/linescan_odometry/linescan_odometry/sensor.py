@@ -1,4 +1,4 @@
-"""Velocity of one line camera by one of two methods, `joint` or `pairs`.
+"""Measurement of the velocity of one line camera, by one of two methods, `joint` or `pairs`.
 
 `SensorOdometry.update` connects a batch to the previous batch, passes the lines to the configured
 method, and returns a reading with velocity and variance. If one of these operations raises
@@ -93,7 +93,7 @@ class LineChain:
         self._late = 0.0
 
     def take(self, batch: LineBatch, restart: Callable[[], None]) -> Lines:
-        """Return at least two consecutive lines, the result of `join` for a valid batch.
+        """Check a batch, and return the result of `join`: at least two consecutive lines.
 
         Args:
             batch: batch of the camera; batches must be given in the order of delivery.
@@ -219,7 +219,7 @@ class SensorOdometry:
         configuration: OdometryConfiguration,
         tables: Path | None = None,
     ) -> None:
-        """Create the processing steps for the number of pixels of the sensor.
+        """Create the processing steps for one camera.
 
         Args:
             sensor: configuration of the camera.
@@ -286,7 +286,7 @@ class SensorOdometry:
             return nothing.reading
 
     def _reading(self, stamp_ns: int, lines: Lines, displacement: Displacement) -> SensorReading:
-        """Return velocity and variance for a displacement, and the results of comparing lines.
+        """Return the reading for a displacement, including `static_time` and `persistence`.
 
         Args:
             stamp_ns: time of exposure of the newest line [ns].

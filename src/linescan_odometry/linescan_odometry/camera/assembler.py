@@ -14,6 +14,10 @@ class LineAssembler:
 
     A batch never extends across lost frames, so consecutive lines are always one line period apart.
     The odometry detects a gap between two batches from the stamps.
+
+    Attributes:
+        clock: clock that stamps the frames and counts lost ones.
+        line_rate: line rate of the last frame [1/s]; 0 before the first frame.
     """
 
     def __init__(self, configuration: CameraConfiguration) -> None:

@@ -1,7 +1,8 @@
 """Candidates for the displacement: peaks of a slant stack (wideband velocity spectrum).
 
-Whitened correlations at several line spacings are summed along straight lines of constant
-displacement, as a sensor array sums its channels for each direction of arrival.
+For each displacement per line, the whitened correlations of lines at several spacings are summed at
+the shifts that this displacement causes. A sensor array sums its channels in the same way for each
+direction of arrival.
 
 In shapes, m is the number of lines, n the number of pixels per line, F the number of spatial
 frequencies, and c the number of candidates.
@@ -200,11 +201,12 @@ def farthest(displacement: float, layout: Layout) -> int:
 
 @kernel
 def _refined(correlation: Floats, peak: int, layout: Layout) -> float:
-    """Return the displacement per line [px] at an integer `peak`, to a fraction of a pixel.
+    """Return the displacement per line near an integer `peak`, to a fraction of a pixel [px].
 
-    The correlations, shape (4, size), are summed over all spacings at which lines overlap enough.
-    The largest spacing resolves the displacement best. If the camera moves across its axis, lines
-    at this spacing may show different ground, so smaller spacings determine the maximum of the sum.
+    It is the maximum of the sum of the correlations, shape (4, size), over all spacings at which
+    lines overlap enough. The largest of these spacings resolves the displacement best. If the
+    camera moves across its axis, lines at this spacing may show different ground; smaller spacings
+    then determine the maximum.
     """
     distances, last = lags(layout.lines), farthest(peak, layout)
     fine = distances[last]  # grid points per pixel
@@ -345,9 +347,9 @@ def scatter(
 
     The rivals are zero displacement, and displacements that differ from the given one by 1 px to
     `APART` px. In each direction, the search for rivals ends at the first displacement that is too
-    unlikely. On smooth ground, the curvature at the largest maximum does not give the variance,
-    because zero displacement is nearly as likely as slow motion, and the likelihood has many small
-    maxima on one peak that is several pixels wide.
+    unlikely. Rivals occur on smooth ground. There, zero displacement is nearly as likely as slow
+    motion, and one peak of the likelihood is several pixels wide and has many small maxima. The
+    curvature at the largest maximum then does not give the variance.
 
     Args:
         rest: correlations between the lines.

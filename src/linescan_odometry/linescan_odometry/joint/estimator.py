@@ -48,7 +48,8 @@ class Estimate(NamedTuple):
             maximum of the likelihood was found.
         rest: logarithm of the gray levels, minus the fixed pattern, shape (m, n). If the
             displacement was rejected before the fit, the pattern is not subtracted.
-        coherence: coherence between neighboring lines [1]; 0 in the same case.
+        coherence: coherence between neighboring lines [1]; 0 if the displacement was rejected
+            before the fit.
         pattern: fixed pattern after this batch.
     """
 

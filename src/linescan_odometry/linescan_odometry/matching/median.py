@@ -66,9 +66,9 @@ def find_inliers(
     group_lines: int,
     tolerance: float,
 ) -> tuple[NDArray[np.bool_], float]:
-    """Return whether each displacement agrees with its group's median, and their share (0 to 1).
+    """Return whether each displacement is an inlier, shape (m,), and the share of inliers, 0 to 1.
 
-    The arguments are those of `mark_inliers`.
+    An inlier is close to the median of its group. The arguments are those of `mark_inliers`.
     """
     inlier = np.empty(len(usable), np.bool_)
     mark_inliers(displacement, usable, group_lines, tolerance, inlier)
@@ -87,8 +87,9 @@ def average(
         weight: output, weight of each displacement in the mean, with the sum 1, shape (m,).
 
     Returns:
-        Value [px] of a straight line through the inliers in the middle of the batch, so that the
-        omission of outliers causes no bias while the platform accelerates.
+        Value of a straight line, fitted to the inliers, in the middle of the batch [px]. The
+        omission of outliers therefore causes no bias while the platform accelerates. If at most
+        half of the displacements are inliers, their plain mean is returned.
     """
     total = displacement.shape[0]
     count = 0

@@ -2,7 +2,7 @@
 
 One cross-correlation by FFT gives the products for all shifts at once. The means and standard
 deviations of the overlapping parts are computed from running sums. The sums of a line are used for
-both line pairs of which it is a part. This step has single precision. It only selects the
+both line pairs that contain the line. This step has single precision. It only selects the
 candidates: the shifts whose correlation could be the largest, given a bound on the rounding error.
 The correlations of the candidates are then computed with integers. The result therefore equals that
 of a direct evaluation, for 8-bit and 16-bit lines. It does not depend on the rounding of the FFT or
@@ -165,10 +165,10 @@ def _cross_spectra(spectra: NDArray[np.complex64]) -> None:
 
 @njit(nogil=True, error_model="numpy", fastmath=_REORDER)
 def _bound(product: Floats, ends: _Ends, pair: int, pixels: int, upper: Floats) -> np.float32:
-    """Return the largest of the lower bounds of a pair's correlation at all shifts.
+    """Write upper bounds on a pair's correlation at all shifts; return the largest lower bound.
 
-    Upper bounds are written to `upper`. The bounds account for rounding errors. The largest
-    correlation is at a shift whose upper bound is at least the returned lower bound.
+    The bounds account for rounding errors. The largest correlation is at a shift whose upper bound
+    is at least the returned lower bound.
 
     Args:
         product: sum of the products of both lines at each shift, with the negative shifts at the

@@ -11,10 +11,10 @@ is
     f <- f - sum(e g) / sum(p q).
 
 The noise of one line is independent of that of the other, so ``sum(p q)`` is the gradient energy of
-the texture alone, whereas ``sum(g^2)`` would include the noise. The variance is computed at the
-last step. If e were white, it would be the Cramer-Rao bound times the loss due to smoothing. But
-e is correlated along the line, because of the filter and, in sideways motion, because of texture
-that enters and leaves. Therefore e g is summed over blocks longer than this correlation: ``var f =
+the texture alone, whereas ``sum(g^2)`` would include the noise. The variance of f is computed at
+the last step. With white e, it would be the Cramer-Rao bound times the loss due to smoothing. But e
+is correlated along the line, because of the filter and, in sideways motion, because of texture that
+enters and leaves. Therefore e g is summed over blocks longer than this correlation: ``var f =
 sum_blocks(sum e g)^2 / sum(p q)^2``. In a mean over pairs, the errors of each block are first
 summed over the pairs (cluster-robust variance), for two reasons. The noise of a line cancels in the
 pairs before and after it. A strip of ground that enters or leaves causes correlated errors in

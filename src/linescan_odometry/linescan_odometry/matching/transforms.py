@@ -23,7 +23,7 @@ def load_transforms() -> None:
 
 @lean
 def transform_size(length: int) -> int:
-    """Return the next even length whose prime factors are only 2, 3 and 5."""
+    """Return the smallest even length >= `length` whose prime factors are only 2, 3 and 5."""
     size = length + length % 2
     while True:
         rest = size

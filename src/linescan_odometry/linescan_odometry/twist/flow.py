@@ -19,7 +19,7 @@ _DEVIATIONS = 6.0  # standard deviations by which the velocity may change due to
 
 
 class FlowMonitor:
-    """Checks the range and the change of one flow sensor's measurements."""
+    """Checks whether the measurements of one flow sensor are valid and plausible."""
 
     def __init__(self, sensor: FlowSensor, maximum_acceleration: float) -> None:
         """Create the plausibility check for one flow sensor.

@@ -212,7 +212,7 @@ class ObliqueTextures:
     ) -> dict[str, SensorReading]:
         """Return the readings that an oblique texture may have falsified, marked as unmeasured.
 
-        The result is empty if no camera has lines that do not match. If a twist was measured
+        Readings are rejected only if the lines of some camera do not match. If a twist was measured
         shortly before, only cameras over oblique textures are rejected. Without such a twist, the
         motion across the axes is unknown, so the readings of all cameras are rejected.
 
