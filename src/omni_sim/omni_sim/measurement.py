@@ -42,7 +42,7 @@ class Truth(NamedTuple):
 
 
 class Readings(NamedTuple):
-    """Buffers for the readings of a vehicle's sensors, in which faults are included.
+    """Buffers for the readings of a vehicle's sensors, including the effects of sensor faults.
 
     Attributes:
         twist: reading of the velocity sensor [m/s, m/s, rad/s], shape (3,).

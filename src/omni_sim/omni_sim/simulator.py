@@ -69,11 +69,9 @@ class Simulator:
     Attributes:
         configuration: configuration of the simulator.
         vehicle: the simulated vehicle.
-        control_period_ns: simulated time by which one call of `advance` advances [ns].
-        overload: monitor of wheel loads beyond the range of the tire model, since the start of the
-            run.
-        overloaded: whether a wheel load exceeded the range of the tire model in the last control
-            period.
+        control_period_ns: simulated time that a call of `advance` takes [ns].
+        overload: record of the wheel loads that exceeded the limit of the tire model in this run.
+        overloaded: whether a wheel load exceeded this limit in the last control period.
         tipping: whether a real vehicle would have begun to tip over in the last control period.
     """
 

@@ -46,9 +46,9 @@ class LoopConfiguration(Configuration):
     mode: str = parameter("lockstep", choices=("lockstep", "real_time"))
     """`lockstep`: the simulator waits for each reply; `real_time`: it follows the wall clock"""
     reply_timeout: float = parameter(10.0, unit="s", above=0.0, maximum=3600.0)
-    """Lockstep: limit on the time to wait for a reply"""
+    """In lockstep, limit on the time to wait for a reply"""
     await_odometry: bool = parameter(False)
-    """Lockstep: whether the simulator also waits for the odometry of each step; set this for a
+    """In lockstep, whether the simulator also waits for the odometry of each step; set this for a
     brake assistant that does not wait for the odometry itself"""
     publish_clock: bool = parameter(True)
     """Whether the simulated time is published on /clock; in a ROS domain, only one simulator may
@@ -61,7 +61,7 @@ class LoopConfiguration(Configuration):
     lines_recorded: bool = parameter(True)
     """Whether a recorder is one of the subscribers of the lines"""
     enable_timeout: float = parameter(0.05, unit="s", above=0.0, maximum=10.0)
-    """Real time: age at which an enable becomes invalid and all brakes are on"""
+    """In real time, age at which an enable becomes invalid, so that all brakes are on"""
 
 
 class SimulatorNode(Node):
@@ -144,8 +144,8 @@ class SimulatorNode(Node):
     def publish(self, observation: Observation) -> None:
         """Publish the messages of one step.
 
-        The message of the pedal triggers the replies of other nodes, so it follows the measurements
-        that these nodes need.
+        The message of the pedal triggers the replies of other nodes, so it is published after the
+        measurements that these nodes need.
         """
         stamp_ns = observation.stamp_ns
         for name, batch in observation.line_batches.items():  # first, as matching takes longest

@@ -208,9 +208,9 @@ class LineExposures:
 class _Batches(Mapping[str, LineBatch]):
     """Lines of each camera in one control period, keyed by the name of the camera.
 
-    The lines of a camera are rendered in the background. Reading lines that the background thread
-    has not begun to render renders them at once. The odometry can therefore process the lines of
-    one camera while the lines of the next camera are rendered.
+    A background thread renders the lines of one camera after another. If lines are read before it
+    has begun to render them, they are rendered at once. The odometry can therefore process the
+    lines of one camera while the lines of another camera are rendered.
     """
 
     def __init__(self, exposures: Mapping[str, _Exposure], cameras: LineCameraArray) -> None:

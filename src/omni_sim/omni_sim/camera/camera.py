@@ -158,11 +158,14 @@ class LineCamera:
         return self.develop(self.ground(poses, velocities), first_line)
 
     def develop(self, ground: NDArray[np.float32], first_line: int) -> Lines:
-        """Return exposed lines with noise as uint8 or uint16, shape (m, pixels).
+        """Apply optics, shadow, pixel faults and noise; return 8-bit or 16-bit lines.
 
         Args:
             ground: result of `ground`, shape (m, pixels).
             first_line: index of the first line since the start of the run.
+
+        Returns:
+            Gray levels, shape (m, pixels).
         """
         exposure = self._configuration
         grays = ground if self._transmission is None else ground * self._transmission

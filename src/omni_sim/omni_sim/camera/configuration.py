@@ -24,8 +24,7 @@ class CameraConfiguration(Configuration):
     offset: float = parameter(0.0, minimum=-1000.0, maximum=1000.0)
     """Offset added to every pixel, in gray levels of an 8-bit scale"""
     exposure_time: float = parameter(0.0, unit="s", minimum=0.0, maximum=1.0)
-    """Exposure time, of which one half is before and one half after the stamp of the line; motion
-    during this time blurs the line"""
+    """Exposure time, centered on the stamp of the line; motion during this time blurs the line"""
     lens: str = parameter(TELECENTRIC, choices=(TELECENTRIC, ORDINARY))
     """Type of the lens: the magnification of a telecentric lens is the same at every height, and
     that of an ordinary lens depends on the height"""

@@ -56,13 +56,14 @@ def expose(
 
 @functools.lru_cache(maxsize=16)
 def _quantiles(deviation: float) -> NDArray[np.float32]:
-    """Return a table of values with half the variance of the noise.
+    """Return a table of normal quantiles; the noise of a pixel is the sum of two of them.
 
     Args:
         deviation: standard deviation of the noise [gray levels of the output].
 
     Returns:
-        Equidistant quantiles of a normal distribution [gray levels of the output], shape (4096,).
+        Equidistant quantiles of a normal distribution with half the variance of the noise [gray
+        levels of the output], shape (4096,).
     """
     count = 1 << _TABLE_BITS
     normal = statistics.NormalDist()

@@ -1,8 +1,8 @@
 """Solution of the contact equation of `wheel.single` for tire curves that fall beyond their peak.
 
 The equation is ``R(s) = D V s + kappa F(s) = |A|`` for the slip ``s`` of the contact patch, with
-the force ``F`` of the curve; `solve_contact` names the other symbols. It has one solution if ``R``
-increases everywhere. If the curve falls faster than the first term grows, ``R`` has a maximum
+the force ``F`` of the curve; `solve_contact` defines the other symbols. There is one solution if
+``R`` increases everywhere. If the curve falls faster than the first term grows, ``R`` has a maximum
 beyond the peak and a minimum at a larger slip. If ``|A|`` is between these two values, two stable
 solutions exist, and the contact patch keeps its state (adhering or sliding).
 """

@@ -59,9 +59,11 @@ class VehicleConfiguration(Configuration):
     wheels: Mapping[str, geometry.WheelMount] = parameter()
     """Wheels, keyed by name; all arrays of wheel quantities have this order"""
     chassis_length: float = parameter(1.6, unit="m", minimum=1e-3, maximum=100.0)
-    """Length of the chassis; used only for figures and the placement of sensors"""
+    """Length of the chassis, for figures, stopping areas, the placement of sensors, and the pitch
+    inertia of a chassis on springs"""
     chassis_width: float = parameter(1.2, unit="m", minimum=1e-3, maximum=100.0)
-    """Width of the chassis; used only for figures and the placement of sensors"""
+    """Width of the chassis, for figures, stopping areas, the placement of sensors, and the roll
+    inertia of a chassis on springs"""
     body: loads.MassConfiguration = parameter()
     """Mass of the chassis including wheels and drives"""
     load: loads.MassConfiguration = section(lambda: loads.MassConfiguration(mass=0.0, height=0.0))
@@ -123,9 +125,10 @@ class VehicleConfiguration(Configuration):
     def check_consistency(self) -> None:
         """Check that the platform can move in all directions and does not tip over at rest.
 
+        The masses, the rollers and the options of the wheel model are also checked.
+
         Raises:
-            ConfigurationError: the wheels' positions are invalid, rollers do not fit, or the
-                vehicle tips over at rest.
+            ConfigurationError: a check fails; the message names the parameter.
         """
         for name in self.conditions:
             check_choice("conditions", name, self.wheels)

@@ -113,7 +113,7 @@ def load_plane(position: FloatArray) -> FloatArray:
         position: wheel contacts relative to the center of gravity [m], shape (N, 2).
 
     Returns:
-        Matrix with the rows ``P_i``, shape (N, 3): [1], [1/m], [1/m].
+        Matrix with the rows ``P_i`` and with columns in [1], [1/m] and [1/m], shape (N, 3).
     """
     basis = np.column_stack((np.ones(len(position)), position))
     rows = np.linalg.solve(basis.T @ basis, basis.T).T

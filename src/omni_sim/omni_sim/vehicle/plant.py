@@ -82,14 +82,15 @@ def build_losses(
     masses: MassProperties,
     plant: state.Plant,
 ) -> tuple[state.Plant, state.Losses]:
-    """Return the constants of a vehicle with passive losses, and those of the losses.
+    """Return a plant to whose mobilities passive losses are added, and the constants of the losses.
+
+    Without losses, and for wheels with individual rollers, the plant is returned unchanged.
 
     Args:
         configuration: configuration of the vehicle.
         kinematics: kinematics of the wheels.
         masses: body and load together.
-        plant: plant from `build_plant`. The losses add to its mobilities; it is returned unchanged
-            without losses, and for wheels with individual rollers.
+        plant: plant from `build_plant`.
     """
     losses = configuration.passive_losses
     if not losses.active or configuration.wheel_model == "rollers":

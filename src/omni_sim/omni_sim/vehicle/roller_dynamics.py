@@ -71,14 +71,14 @@ def displace_contacts(plant: Plant, wheels: Structured, contacts: Structured) ->
 def _step_contact(
     plant: Plant, rollers: Rollers, step: Step, touch: _Touch, spin: Spin, drive: Drive
 ) -> Pair:
-    """Advance a wheel and its touching roller; return wheel speed [rad/s] and brake torque [N m].
+    """Advance a wheel and one roller; return the wheel speed [rad/s] and brake torque [N m].
 
     Args:
         plant: constants.
         rollers: all rollers; the state of this roller and `push` of this wheel are changed.
         step: quantities common to all wheels.
         touch: wheel, roller, load and angle of the contact.
-        spin: spin of the wheel under all torques except that of this roller.
+        spin: spin of the wheel, to which the torque of the other roller has been applied.
         drive: drive of the wheel.
     """
     i = touch.wheel

@@ -3,9 +3,9 @@
 The vehicle does not leave the ground. Under each wheel is a road plane (`plane_of_points`) with the
 height ``z_i`` and the gradient ``s_i``. The wheels share the weight like equal springs (`loads`),
 with the shares ``w_i`` at rest. Heave, roll and pitch therefore follow a plane that is fitted to
-the heights ``z_i``. The ground under the center of gravity has the height ``Z = sum w_i z_i``. The
-center of gravity moves in the plane with the gradient ``sum w_i s_i``, which is called the *path
-plane* and has the unit normal ``n``.
+the heights ``z_i``, the *vehicle's plane*. The ground under the center of gravity has the height
+``Z = sum w_i z_i``. The center of gravity moves in the plane with the gradient ``sum w_i s_i``,
+which is called the *path plane* and has the unit normal ``n``.
 
 The planar dynamics are computed in a frame of the path plane, which results from the world frame by
 the smallest rotation that aligns the vertical with ``n``. On an even slope this frame is constant,

@@ -250,14 +250,14 @@ class Vehicle:
 
     @property
     def motion(self) -> quantities.FloatArray:
-        """Array of `pose` and `twist`, shape (6,); yaw and velocity are in the path plane."""
+        """Array of `pose` and `twist`, shape (6,); on uneven ground, see `uneven_ground`."""
         motion = np.empty(6)
         dynamics.base_motion(self.state.body[0], self.state.plant.center, motion)
         return motion
 
     @property
     def tilt(self) -> quantities.Pair:
-        """Horizontal components of the path plane's normal [1]."""
+        """Horizontal components of the path plane's unit normal, see `uneven_ground` [1]."""
         return float(self.state.body["tilt_x"][0]), float(self.state.body["tilt_y"][0])
 
     @property

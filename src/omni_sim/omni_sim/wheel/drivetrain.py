@@ -26,12 +26,12 @@ from omni_sim.wheel.single import Patch, TireConstants, tire_force
 
 
 class Hub(NamedTuple):
-    """Coupling of the tire force to the motion of wheel and vehicle in a step.
+    """Constants that relate the tire force to the motion of wheel and vehicle in a step.
 
     Attributes:
         lever: lever ``g`` by which the tire turns the wheel [m].
-        velocity: velocity of the wheel center along the active direction at the end of the step,
-            without the force of this tire [m/s].
+        velocity: velocity along the active direction that the wheel center would have at the end of
+            the step without the force of this tire [m/s].
         mobility: change of this velocity per force of the tire [m/s per N].
     """
 
@@ -99,7 +99,7 @@ def _rolling(
         tire: constants.
         curve: force-slip curve of the tire.
         patch: contact patch of the tire at the start of the step.
-        hub: coupling of force and motion.
+        hub: relation of force and motion.
         spin: spin of the wheel at the start of the step; its brake is ignored.
         impulse: angular impulse of all torques on the wheel except that of the tire [N m s].
     """
@@ -174,7 +174,7 @@ def wheel_step(
         tire: constants.
         curve: curve of any tire model, from `tire.model.curve_at`.
         patch: contact patch of the tire at the start of the step.
-        hub: coupling of force and motion.
+        hub: relation of force and motion.
         spin: spin of the wheel at the start of the step.
         drive: drive of the wheel.
     """

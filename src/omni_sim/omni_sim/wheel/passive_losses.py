@@ -86,8 +86,8 @@ def passive_force(
     hold the roller at rest.
 
     Args:
-        coming: surface speed of the roller that the forces of the last step would give at the end
-            of this step [m/s].
+        coming: surface speed that the roller would have at the end of this step with the forces of
+            the last step [m/s].
         now: surface speed of the roller at the start of the step [m/s].
         before: force in the last step [N].
         mobility: change of the surface speed per force [m/s per N].

@@ -79,7 +79,7 @@ class RollerPatch(NamedTuple):
 
 
 class RollerHub(NamedTuple):
-    """Coupling of a roller's tire with wheel, roller and vehicle in a step.
+    """Constants that relate the force on a roller to the motion of roller, wheel and vehicle.
 
     Attributes:
         lever: rolling radius times rolling direction of the wheel, ``r_D u``, in components along
@@ -161,7 +161,7 @@ def roller_step(
         tire: constants of the roller's tread.
         curves: curves along the roller's axis and across it, from `tire.model.curve_at`.
         patch: patch of the roller at the start of the step.
-        hub: coupling of force and motion.
+        hub: relation of force and motion.
         wheel: spin of the wheel at the start of the step.
         drive: drive of the wheel.
     """

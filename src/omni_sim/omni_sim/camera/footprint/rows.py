@@ -134,7 +134,7 @@ def place_rows(texels: int, stride: int, placement: Placement, rows: Rows) -> No
 
 @njit(cache=True, nogil=True, inline="always")
 def _rounding(row: int) -> int:
-    """Return the fixed-point number that is added to a row's shift before rounding it down.
+    """Return the fixed-point number that is added to a row's shift before the sum is rounded down.
 
     Successive rows have the numbers 1/8, 5/8, 3/8 and 7/8 of a quarter texel (dithering).
     """
