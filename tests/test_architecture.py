@@ -99,6 +99,12 @@ def test_nothing_is_imported_in_a_circle_and_no_folder_is_crowded(
     assert {folder for folder, n in crowds.items() if n > MOST_MODULES} <= PLUG_INS
 
 
+def test_tests_are_in_the_folder_of_what_they_test() -> None:
+    for test in (WORKSPACE / "src").glob("*/test/**/test_*.py"):
+        package, _, *folders = test.parent.relative_to(WORKSPACE / "src").parts
+        assert (WORKSPACE / "src" / package / package).joinpath(*folders).is_dir(), test
+
+
 def test_folders_inside_a_package_do_not_run_in_circles(imports: dict[str, set[str]]) -> None:
     uses: dict[str, set[str]] = {unit(name): set() for name in MODULES}
     for name, names in imports.items():

@@ -23,7 +23,7 @@ CORK = generate_texture(TextureConfiguration(size=SIZE, texels=1024))
 UNIFORM = GroundTexture(np.full((256, 256), 200, np.uint8), SIZE)
 SENSOR = LineSensor(x=0.2, y=-0.1, heading_deg=30.0, pixels=100, length=0.01, width=0.004)
 POSE = np.array([[0.3, 0.1, 0.4]])
-PRESETS = Path(__file__).parents[3] / "config" / "sensors"
+PRESETS = Path(__file__).parents[4] / "config" / "sensors"
 
 
 def camera(

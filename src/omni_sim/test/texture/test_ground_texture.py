@@ -116,7 +116,7 @@ def test_structure_grows_from_cork_to_stone() -> None:
 
 
 def test_shipped_grounds_are_valid() -> None:
-    folder = Path(__file__).parents[3] / "config" / "grounds"
+    folder = Path(__file__).parents[4] / "config" / "grounds"
     kinds = set()
     for path in folder.glob("*.yaml"):
         mapping = yaml.safe_load(path.read_text(encoding="utf-8"))

@@ -13,7 +13,7 @@ import yaml
 from omni_bringup.cli import main
 from omni_tools.brakes import fit
 
-ROOT = Path(__file__).parents[3]
+ROOT = Path(__file__).parents[4]
 BAGS = ROOT / "bags" / "small_stop"
 
 

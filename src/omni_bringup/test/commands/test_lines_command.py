@@ -17,7 +17,7 @@ from omni_recording.decode import MessageDecoder
 from omni_recording.folder import bag_messages, open_bag
 from omni_tools.line_trials.rig import Rig, ground, poses_at
 
-WORKSPACE = Path(__file__).resolve().parents[3]
+WORKSPACE = Path(__file__).resolve().parents[4]
 SAMPLE = WORKSPACE / "bags/small_stop/assisted"
 TWIST = np.array([2.0, 0.5, 0.3])
 LINES = 200

@@ -17,7 +17,7 @@ from omni_tools.placement import design as sensor_design
 from omni_tools.placement import figure as placement_figure
 from omni_tools.placement.sensor_error import SensorError, SensorTrial
 
-CONFIG = Path(__file__).parents[3] / "config"
+CONFIG = Path(__file__).parents[4] / "config"
 # A low line rate makes the test fast.
 COARSE = ("--type", "three_coarse", "--speed", "3")
 

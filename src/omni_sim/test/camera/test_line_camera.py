@@ -213,7 +213,7 @@ def test_only_8_and_16_bits_are_accepted() -> None:
 
 
 def test_the_shipped_placement_sees_every_motion() -> None:
-    path_to = Path(__file__).parents[3] / "config" / "sensors" / "three_generic.yaml"
+    path_to = Path(__file__).parents[4] / "config" / "sensors" / "three_generic.yaml"
     mapping = yaml.safe_load(path_to.read_text(encoding="utf-8"))
     sensors = {name: from_mapping(LineSensor, entry) for name, entry in mapping.items()}
     assert len(sensors) == 3

@@ -21,7 +21,7 @@ from omni_sim.vehicle.vehicle import Vehicle
 
 TIRES = {
     path.stem: from_mapping(TireConfiguration, yaml.safe_load(path.read_text()))
-    for path in sorted((Path(__file__).parents[3] / "config" / "tires").glob("*.yaml"))
+    for path in sorted((Path(__file__).parents[4] / "config" / "tires").glob("*.yaml"))
 }
 MINUTE = 120_000  # steps
 

@@ -21,7 +21,7 @@ from omni_recording.mcap import RecordedChannel, RecordedMessage
 from omni_recording.metadata import RecordedQos, RecordedTopic
 from omni_recording.write import Rosbag2Writer
 
-WORKSPACE = Path(__file__).resolve().parents[3]
+WORKSPACE = Path(__file__).resolve().parents[4]
 SAMPLE = WORKSPACE / "bags/small_stop/assisted"
 TWIST = "/odometry/twist"
 _RECORDED = yaml.safe_load((SAMPLE / "metadata.yaml").read_text())["rosbag2_bagfile_information"]

@@ -117,7 +117,7 @@ def test_a_speed_that_the_wheels_never_reach_is_named(speed: float, named: bool)
 
 
 def test_the_speed_of_a_recording_is_that_of_its_wheels() -> None:
-    recording = Path(__file__).parents[3] / "bags" / "small_stop" / "assisted"
+    recording = Path(__file__).parents[4] / "bags" / "small_stop" / "assisted"
     configuration = recorded_configuration(open_vehicle(recording))
     assert contract.fastest(recording, configuration) == pytest.approx(
         configuration.maneuver.speed, rel=0.05

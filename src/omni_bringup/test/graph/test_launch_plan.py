@@ -21,7 +21,7 @@ from omni_bringup.graph.process_group import NodeProcess, ProcessError
 from omni_loop.experiment import ExperimentLibrary
 from omni_platform.configuration import ConfigurationError
 
-PACKAGE = Path(__file__).parents[1]
+PACKAGE = Path(__file__).parents[2]
 CONFIG = PACKAGE.parents[1] / "config"
 MODES = ("lockstep", "real_time", "drive")
 

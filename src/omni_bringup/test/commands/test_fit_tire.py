@@ -14,7 +14,7 @@ from omni_bringup.cli import main
 from omni_loop.experiment import ExperimentLibrary
 from omni_sim.tire.tire import Tire, TireConfiguration
 
-CONFIG = Path(__file__).parents[3] / "config"
+CONFIG = Path(__file__).parents[4] / "config"
 
 
 @pytest.fixture
