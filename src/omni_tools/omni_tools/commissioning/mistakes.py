@@ -31,8 +31,11 @@ class Tolerances(NamedTuple):
     Attributes:
         misfit: limit on the difference between measured and predicted angles of a wheel, relative
             to the predicted angles [1].
+        wheel: limit on the relative error of a wheel's radius compared with all wheels, and of the
+            distances of the wheels from the center [1].
         heading: limit on the error of a twist sensor's mounting angle [rad].
-        scale: limit on the relative error of the scale of twist sensor and gyro [1].
+        scale: limit on the relative error of the scale of twist sensor and gyro, and of the radius
+            of all wheels, which also depends on their load [1].
         offset: limit on the error of a twist sensor's position [m].
         force: minimum acceleration for a test of an IMU's axes [m/s^2].
         force_heading: limit on the error of an IMU's mounting angle by this acceleration [rad].
@@ -41,6 +44,7 @@ class Tolerances(NamedTuple):
     """
 
     misfit: float = 0.06
+    wheel: float = 0.03
     heading: float = math.radians(2.0)
     scale: float = 0.05
     offset: float = 0.03
@@ -88,13 +92,18 @@ def find_mistakes(
         vehicle: brakes, inertia and loads of the wheels as described in the vehicle's file.
     """
     known = np.diag([distance, distance, angle])
-    found = _wheel_mistakes(wheels, motions.angle, known)
+    # A gyro measures the angle of the rotation more accurately than a tape, unless it is wrong.
+    turned = motions.gyro[2] if abs(motions.gyro[2] / angle - 1.0) < _ALLOWED.scale else angle
+    found = _wheel_mistakes(wheels, motions.angle, np.diag([distance, distance, turned]))
     found += _twist_mistakes(motions.twist, known)
     # The slip is computed from wheel speeds and twists, so brakes are checked last.
     slips = not found and topics.TWIST.name not in unchecked(signals, motions)
     found += _imu_mistakes(signals.upwards, motions, angle)
     if slips:
         found += _brake_mistakes(wheels, signals, motions, vehicle)
+    if signals.inverse_pedal:
+        remedy = "1 must be full braking and 0 none: publish 1 minus this value"
+        found.append(Mistake("pedal: the braking demand is inverted", remedy))
     return found
 
 
@@ -167,8 +176,9 @@ def _wheel_mistakes(
         if wrong[row]
     ]
     angle = angle / np.where(wrong, np.maximum(ratio, 1e-9), 1.0)
-    if np.max(_misfit(wheels, angle, known)) < _ALLOWED.misfit:
-        return found
+    scaled, described = _scale_errors(wheels, angle, known)
+    if np.max(_misfit(described, angle, known)) < _ALLOWED.misfit:
+        return found + scaled
     fits = [
         (float(np.max(_misfit(mistake.wheels or wheels, angle, known))), mistake)
         for mistake in _hypotheses(wheels, angle, known)
@@ -181,6 +191,53 @@ def _wheel_mistakes(
         "check distances and directions of the motions; then check each wheel on blocks",
     )
     return found or _several(wheels, angle, known) or [unexplained]
+
+
+def _scale_errors(
+    wheels: Mapping[str, WheelMount], angle: FloatArray, known: FloatArray
+) -> tuple[list[Mistake], dict[str, WheelMount]]:
+    """Return the errors of radii and levers, and the wheels after their correction.
+
+    Least squares give the scale of the angles of each wheel, and by how much the scale of the
+    rotation differs.
+
+    Args:
+        wheels: wheels as described in the vehicle's file.
+        angle: measured angles as in `_misfit`.
+        known: motions as in `_misfit`.
+    """
+    predicted, count = _predicted(wheels, known), len(wheels)
+    design = np.zeros((3, count, count + 1))
+    design[:, range(count), range(count)] = predicted
+    design[2, :, count] = predicted[2]
+    solution = np.linalg.lstsq(design.reshape(-1, count + 1), angle.ravel(), rcond=None)[0]
+    *each, turn = solution.tolist()
+    common = float(np.median(each))
+    lever = 1.0 + turn / max(common, 1.0 / _ALLOWED.radius)
+    words, described = [], dict(wheels)
+    if all_wrong := abs(common - 1.0) > _ALLOWED.scale:
+        words.append(("radius of all wheels is wrong", f"divide each radius by {common:.3f}"))
+    for (name, mount), scale in zip(wheels.items(), each, strict=True):
+        single = abs(scale / common - 1.0) > _ALLOWED.wheel
+        if single or all_wrong:
+            factor = max(scale if single else common, 1.0 / _ALLOWED.radius)
+            described[name] = dataclasses.replace(mount, radius=mount.radius / factor)
+        if single:
+            remedy = f"set radius to {described[name].radius:.4f}, or check the encoder"
+            words.append((f"radius of wheel {name} is wrong", remedy))
+    if abs(lever - 1.0) > _ALLOWED.wheel and lever > 0.0:
+        described = {
+            name: dataclasses.replace(mount, x=lever * mount.x, y=lever * mount.y)
+            for name, mount in described.items()
+        }
+        words.append(
+            (
+                f"wheelbase or track: the wheels are {lever:.2f} times as far from the center",
+                "check the angle of the turn, then x and y of all wheels; on Mecanum wheels the "
+                "turn shows only the sum of wheelbase and track",
+            )
+        )
+    return [Mistake(*pair, described) for pair in words], described
 
 
 def _several(

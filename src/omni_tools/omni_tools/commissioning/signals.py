@@ -40,6 +40,7 @@ class Signals(NamedTuple):
         pedal: braking demand [1], shape (T,).
         enable: brake enables [1], shape (T, N).
         upwards: median specific force of the IMU along z [m/s^2]; NaN without an IMU.
+        inverse_pedal: whether the pedal was received inverted; `pedal` is corrected.
     """
 
     time: quantities.FloatArray
@@ -49,6 +50,7 @@ class Signals(NamedTuple):
     pedal: quantities.FloatArray
     enable: quantities.FloatArray
     upwards: float = math.nan
+    inverse_pedal: bool = False
 
     @property
     def period(self) -> float:
@@ -139,15 +141,20 @@ def signals_of(
         raise configuration.ConfigurationError(
             _PEDAL, f"is {np.nanmin(pedal):g} to {np.nanmax(pedal):g}, must be a share from 0 to 1"
         )
+    wheel_speed = np.stack([np.interp(time, states.stamp_ns, s) for s in speeds.T], axis=1)
+    # Brakes reduce the speed of the wheels.
+    gained = np.diff(np.sum(np.abs(wheel_speed), axis=1), append=0.0)
+    inverse = float(np.nansum(pedal * gained)) > 0.0
     twists = [measured_twist(message.twist) for message in streams[_TWIST].messages]
     return Signals(
         time=(time - time[0]) * 1e-9,
-        wheel_speed=np.stack([np.interp(time, states.stamp_ns, s) for s in speeds.T], axis=1),
+        wheel_speed=wheel_speed,
         twist=sampled(_TWIST, twists, 3),
         imu=sampled(_IMU, imu, 3),
-        pedal=pedal,
+        pedal=1.0 - pedal if inverse else pedal,
         enable=sampled(_ENABLE, _by_wheel(streams[_ENABLE], "effort", wheels), len(wheels)),
         upwards=float(np.median(upwards or math.nan)),
+        inverse_pedal=inverse,
     )
 
 

@@ -50,6 +50,15 @@ def of_wheel(name: str, **factors: float) -> Change:
     return change
 
 
+def of_all(**factors: float) -> Change:
+    def change(wheels: Wheels, signals: Signals) -> tuple[Wheels, Signals]:
+        for name in wheels:
+            wheels, signals = of_wheel(name, **factors)(wheels, signals)
+        return wheels, signals
+
+    return change
+
+
 def of_signal(field: str, change_of: Callable[[np.ndarray], np.ndarray]) -> Change:
     def change(wheels: Wheels, signals: Signals) -> tuple[Wheels, Signals]:
         values: Any = change_of(getattr(signals, field).copy())
@@ -140,6 +149,27 @@ def test_a_single_mistake_is_named(
     names = found(wheels, signals, known)
     assert any(words in name for name in names), names
     assert len(names) == 1, names
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (of_all(x=0.9), "wheelbase or track: the wheels are 1.0"),
+        (of_all(x=1.1), "wheelbase or track: the wheels are 0.9"),
+        (of_all(y=0.9), "wheelbase or track: the wheels are 1.0"),
+        (of_all(y=1.1), "wheelbase or track: the wheels are 0.9"),
+        (of_wheel("rear_left", radius=0.95), "radius of wheel rear_left is wrong"),
+        (of_wheel("front_right", radius=1.05), "radius of wheel front_right is wrong"),
+    ],
+)
+def test_small_errors_of_the_geometry_are_named_and_corrected(
+    change: Change, words: str, forklift: tuple[Wheels, Signals, tuple[float, float]]
+) -> None:
+    wheels, signals, known = forklift
+    wheels, signals = change(wheels, signals)
+    mistakes = mistakes_in(wheels, signals, known, described())
+    assert [one.name[: len(words)] for one in mistakes] == [words]
+    assert found(dict(mistakes[0].wheels or {}), signals, known) == []
 
 
 @pytest.mark.parametrize(
@@ -236,27 +266,47 @@ def test_a_drive_whose_pedal_is_lost_while_it_brakes_has_no_mistake(
     assert found(wheels, signals._replace(pedal=pedal), known) == []
 
 
+def as_received(wheels: Wheels, signals: Signals, rows: np.ndarray, pedal: np.ndarray) -> Signals:
+    """Return the signals of messages with the given rows of the wheel speeds, and this demand."""
+    stamps = np.round(signals.time * 1e9).astype(np.int64)
+    states = [
+        (stamp, SimpleNamespace(name=list(wheels), velocity=speed))
+        for stamp, speed in zip(stamps[rows], signals.wheel_speed[rows], strict=True)
+    ]
+    demands = [
+        (stamp, SimpleNamespace(position=[value]))
+        for stamp, value in zip(stamps, pedal, strict=True)
+    ]
+    streams = {"wheel_states": Stream.of(states), "brake/pedal": Stream.of(demands)}
+    return signals_of(streams, list(wheels))
+
+
+@pytest.mark.parametrize("full", [1.0, 0.4])
+def test_an_inverted_pedal_is_named_and_hides_no_other_mistake(
+    full: float, forklift: tuple[Wheels, Signals, tuple[float, float]]
+) -> None:
+    wheels, signals, known = forklift
+    every, pedal = np.ones(len(signals.time), bool), full * signals.pedal
+    assert found(wheels, as_received(wheels, signals, every, pedal), known) == []
+    inverted = as_received(wheels, signals, every, 1.0 - pedal)
+    np.testing.assert_allclose(inverted.pedal, pedal[:-1], atol=1e-12)
+    name = "pedal: the braking demand is inverted"
+    assert found(wheels, inverted, known) == [name]
+    other, _ = of_wheel("rear_left", roller_angle_deg=-1.0)(wheels, signals)
+    assert found(other, inverted, known) == ["roller of wheel rear_left is wrong", name]
+
+
 def test_lost_wheel_speeds_change_no_result_or_are_refused(
     forklift: tuple[Wheels, Signals, tuple[float, float]],
 ) -> None:
     wheels, signals, known = forklift
-    stamps = np.round(signals.time * 1e9).astype(np.int64)
 
     def received(gap: float) -> Signals:
         """Return the signals without the wheel speeds of each motion's first `gap` seconds."""
-        lost = np.zeros(len(stamps), bool)
+        lost = np.zeros(len(signals.time), bool)
         for begin in (0.7, 4.2, 7.7):
             lost |= (signals.time > begin) & (signals.time < begin + gap)
-        states = [
-            (stamp, SimpleNamespace(name=list(wheels), velocity=speed))
-            for stamp, speed in zip(stamps[~lost], signals.wheel_speed[~lost], strict=True)
-        ]
-        pedal = [
-            (stamp, SimpleNamespace(position=[value]))
-            for stamp, value in zip(stamps, signals.pedal, strict=True)
-        ]
-        streams = {"wheel_states": Stream.of(states), "brake/pedal": Stream.of(pedal)}
-        return signals_of(streams, list(wheels))
+        return as_received(wheels, signals, ~lost, signals.pedal)
 
     assert found(wheels, received(0.25), known) == []
     with pytest.raises(ConfigurationError, match=r"no wheel speeds for 0\.\d+ s"):
