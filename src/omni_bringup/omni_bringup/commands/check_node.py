@@ -130,7 +130,8 @@ def _check_answers(
     exchange = feed(partner, recording, inputs, faulty, paced, output, alive)
     breaches = [*contract.common_breaches(exchange, node, output.name)]
     if node == "odometry":
-        breaches += contract.twist_breaches(exchange, contract.fastest(recording, configuration))
+        motion = contract.WheelMotion.of(recording, configuration.vehicle.wheels)
+        breaches += contract.twist_breaches(exchange, motion)
     else:
         breaches += contract.enable_breaches(exchange, list(configuration.vehicle.wheels))
     return contract.metrics(exchange), breaches

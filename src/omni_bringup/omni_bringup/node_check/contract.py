@@ -4,18 +4,16 @@ import itertools
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from omni_bringup.node_check.exchange_node import Answer, Exchange, Received
-from omni_loop.experiment import ExperimentConfiguration
-from omni_loop.recorded_run import ordered, read_streams
-from omni_platform import topics
+from omni_loop.recorded_run import read_run
+from omni_platform.geometry import WheelMount
 from omni_platform.kinematics import PlatformKinematics
-from omni_platform.quantities import SECOND_NS
+from omni_platform.quantities import SECOND_NS, BoolArray, FloatArray, IntArray
 from omni_platform.signals import upwards_problem
-from omni_recording.folder import open_vehicle
 from omni_ros.messages import planar_twist_of, to_nanoseconds
 
 
@@ -36,7 +34,8 @@ class Contract:
         clock_error: limit on the median difference between a simulator's stamps and /clock [s].
         largest_variance: limit on all three variances of a measured twist [m^2/s^2, rad^2/s^2].
         speed_excess: tolerances by which the speed of a twist may exceed the highest speed of the
-            wheels: a share of this speed [1], plus a constant [m/s].
+            wheels, and by which its velocity may differ from that of rolling wheels: a share of
+            the wheels' speed [1], plus a constant [m/s].
         yaw_rate_ratio: lower and upper limit on the ratio of the twist's yaw rate to the IMU's [1].
         turning: minimum root mean square of the yaw rate for a check of this ratio [rad/s].
     """
@@ -144,23 +143,26 @@ def enable_breaches(exchange: Exchange, wheels: Sequence[str]) -> Iterator[str]:
             yield f"no enables later than {_recovery(phase)}"
 
 
-def twist_breaches(exchange: Exchange, fastest: float) -> Iterator[str]:
+def twist_breaches(exchange: Exchange, motion: "WheelMotion") -> Iterator[str]:
     """Yield violations in the twists that an odometry node publishes.
 
     Args:
         exchange: sent inputs and received answers.
-        fastest: highest speed in the recording [m/s].
+        motion: motion of the vehicle in the recording.
     """
     share, amount = CONTRACT.speed_excess
     for one in exchange.answers:
         speed = float(np.hypot(*planar_twist_of(one.message)[0][:2]))
-        if _is_measured(one.message) and speed > (1.0 + share) * fastest + amount:
+        if _is_measured(one.message) and speed > (1.0 + share) * motion.fastest + amount:
             yield (
                 f"speed {speed:.2f} m/s (phase {one.phase!r}, stamp "
                 f"{one.stamp_ns / SECOND_NS:.3f} s), although the wheels of the recording reach "
-                f"{fastest:.2f} m/s"
+                f"{motion.fastest:.2f} m/s"
             )
             break
+    yield from motion.difference(
+        [one for one in exchange.answers if one.phase == "recorded" and _is_measured(one.message)]
+    )
     for one in exchange.answers:
         problem = _twist_problem(one.message)
         if problem:
@@ -178,17 +180,51 @@ def twist_breaches(exchange: Exchange, fastest: float) -> Iterator[str]:
             yield f"no valid twist later than {_recovery(phase)}"
 
 
-def fastest(recording: Path, configuration: ExperimentConfiguration) -> float:
-    """Return the highest speed in a recording, computed from the wheel speeds [m/s].
+class WheelMotion(NamedTuple):
+    """Motion of the vehicle in a recording by its wheels, at T times.
 
-    If there are no wheel speeds, the configured maximum speed is returned.
+    Attributes:
+        stamp_ns: stamps of the wheel speeds [ns], shape (T,).
+        velocity: velocity v_x, v_y if the wheels do not slip [m/s], shape (T, 2).
+        rolling: whether the driver does not brake, so that the wheels roll, shape (T,).
     """
-    streams = read_streams(open_vehicle(recording), [topics.WHEEL_STATES])
-    if not streams:
-        return configuration.brake_assist.maximum_speed
-    wheels, states = configuration.vehicle.wheels, streams[topics.WHEEL_STATES.name].messages
-    speeds = np.array([ordered(message, "velocity", tuple(wheels)) for message in states])
-    return float(np.nanmax(np.hypot(*PlatformKinematics.of(wheels).twist(speeds)[:, :2].T)))
+
+    stamp_ns: IntArray
+    velocity: FloatArray
+    rolling: BoolArray
+
+    @classmethod
+    def of(cls, recording: Path, wheels: Mapping[str, WheelMount]) -> "WheelMotion":
+        """Return the motion in a recording of a vehicle with the given wheels."""
+        run = read_run(recording)
+        ordered = {name: wheels[name] for name in run.wheel_names}
+        twist = PlatformKinematics.of(ordered).twist(run.wheel_speed)
+        return cls(run.stamp_ns, twist[:, :2], run.pedal == 0.0)
+
+    @property
+    def fastest(self) -> float:
+        """Highest speed [m/s]."""
+        return float(np.nanmax(np.hypot(*self.velocity.T)))
+
+    def difference(self, answers: Sequence[Answer]) -> Iterator[str]:
+        """Yield a violation if most twists differ from the motion while the wheels roll."""
+        share, amount = CONTRACT.speed_excess
+        at = np.searchsorted(self.stamp_ns, [one.stamp_ns for one in answers], side="right") - 1
+        pairs = [
+            (planar_twist_of(one.message)[0][:2], self.velocity[row])
+            for one, row in zip(answers, at, strict=True)
+            if row >= 0 and self.rolling[row]
+        ]
+        if not pairs:
+            return
+        measured, wheels = np.moveaxis(np.array(pairs), 1, 0)
+        error, speed = (np.linalg.norm(one, axis=1) for one in (measured - wheels, wheels))
+        if np.nanmedian(error / (share * speed + amount)) > 1.0:
+            middle = int(np.argsort(error)[len(error) // 2])
+            yield (
+                f"velocity {np.round(measured[middle], 2)} m/s, although the wheels of the "
+                f"recording roll at {np.round(wheels[middle], 2)} m/s"
+            )
 
 
 def simulator_breaches(seen: Mapping[str, Received], wheels: Sequence[str]) -> Iterator[str]:

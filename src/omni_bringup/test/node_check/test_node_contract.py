@@ -25,6 +25,7 @@ from omni_ros.messages import (
 )
 
 PERIOD_NS = 10_000_000
+SLOW = contract.WheelMotion(np.array([0]), np.array([[2.0, 0.0]]), np.array([False]))
 TURN = np.array([1.0, 1.0, 0.3])
 
 
@@ -64,7 +65,7 @@ def test_a_negative_variance_is_named_as_such(row: int) -> None:
     covariance[row, row] = -1.0
     message = planar_twist_with_covariance(0, np.zeros(3), covariance)
     breaches = contract.twist_breaches(
-        exchange([Answer("recorded", 0, 0.0, 0.0, message)], [0]), 5.0
+        exchange([Answer("recorded", 0, 0.0, 0.0, message)], [0]), SLOW
     )
     assert "not positive definite" in next(breaches)
 
@@ -112,16 +113,30 @@ def test_a_repeated_stamp_of_an_odometry_is_named() -> None:
 def test_a_speed_that_the_wheels_never_reach_is_named(speed: float, named: bool) -> None:
     message = planar_twist_with_covariance(0, np.array([0.0, speed, 0.0]), 1e-4 * np.eye(3))
     answers = [Answer("recorded", 0, 0.0, 0.0, message), Answer("unusable", 1, 0.0, 0.0, message)]
-    found = next(contract.twist_breaches(exchange(answers, [0]), fastest=2.0), "")
+    found = next(contract.twist_breaches(exchange(answers, [0]), SLOW), "")
     assert ("speed 99.00 m/s" in found and "reach 2.00 m/s" in found) == named
 
 
-def test_the_speed_of_a_recording_is_that_of_its_wheels() -> None:
+@pytest.mark.parametrize(
+    ("measured", "named"),
+    [(lambda true: true, False), (lambda true: 0.9 * true, False), (lambda _: 1.0, True)],
+)
+def test_a_twist_of_another_motion_than_that_of_the_wheels_is_named(
+    measured: Callable[[float], float], named: bool
+) -> None:
     recording = Path(__file__).parents[4] / "bags" / "small_stop" / "assisted"
     configuration = recorded_configuration(open_vehicle(recording))
-    assert contract.fastest(recording, configuration) == pytest.approx(
-        configuration.maneuver.speed, rel=0.05
-    )
+    motion = contract.WheelMotion.of(recording, configuration.vehicle.wheels)
+    assert motion.fastest == pytest.approx(configuration.maneuver.speed, rel=0.05)
+    assert 0 < np.count_nonzero(motion.rolling) < len(motion.rolling)
+    answers = []
+    for stamp, velocity in zip(motion.stamp_ns, motion.velocity, strict=True):
+        twist = np.array([measured(velocity[0]), velocity[1], 0.0])
+        message = planar_twist_with_covariance(int(stamp), twist, 1e-4 * np.eye(3))
+        answers.append(Answer("recorded", int(stamp), 0.0, 0.0, message))
+    made = exchange(answers, list(motion.stamp_ns))
+    found = [one for one in contract.twist_breaches(made, motion) if "roll at" in one]
+    assert bool(found) == named
 
 
 @pytest.mark.parametrize(
