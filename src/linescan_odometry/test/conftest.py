@@ -16,7 +16,7 @@ FIRST, LENGTH = -4096, 12288  # extent of the ground [px]
 
 @functools.cache
 def _integral(grain: float, seed: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return edges of the ground's samples [px] and its integral up to each."""
+    """Return the edges of the ground's samples [px], and the integral up to each edge."""
     samples = LENGTH * FINENESS
     spectrum = np.fft.rfft(np.random.default_rng(seed).standard_normal(samples))
     frequency = np.fft.rfftfreq(samples) * FINENESS

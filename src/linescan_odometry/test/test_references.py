@@ -1,4 +1,4 @@
-"""References correct shading and dark signal; the pattern of an earlier drive is a start."""
+"""References correct shading and dark signal, and contain the pattern of an earlier drive."""
 
 from __future__ import annotations
 

@@ -30,7 +30,7 @@ from omni_platform.signals import TwistSample
 
 
 class Drive:
-    """Passes steps to an assistant; in the first ones, valid twists arrive with the pedal up."""
+    """An assistant that has received three valid twists with the pedal up, and its stamps."""
 
     def __init__(self, wheels: Wheels, twist: tuple[float, float, float], **settings: Any) -> None:
         self.assist = BrakeAssist(BrakeAssistConfiguration(wheels=wheels, **settings))
@@ -193,7 +193,7 @@ def test_disabled_keeps_all_brakes_and_still_computes_errors(mecanum: Wheels) ->
 
 
 def test_the_assistant_can_be_switched_while_the_pedal_is_down(mecanum: Wheels) -> None:
-    """Switched off, every brake acts at once; switched on again, the line is the former one."""
+    """When it is off, all brakes act; when it is on again, it keeps the same line of motion."""
     switched, assisted = Drive(mecanum, (10.0, 0.1, 0.3)), Drive(mecanum, (10.0, 0.1, 0.3))
     for enabled, twist in (
         (True, (9.9, -0.1, 0.2)),

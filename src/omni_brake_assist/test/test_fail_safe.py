@@ -255,7 +255,7 @@ demands = st.one_of(
 
 
 def at_rest(stamp_ns: int) -> BrakeDemand:
-    """A valid demand, after which those of `made_demands.demand` are too fast for 0.25 s."""
+    """Return a valid demand of a vehicle at rest; later twists of 5 m/s are then implausible."""
     return BrakeDemand(0, 1.0, TwistSample(stamp_ns, np.zeros(3), 1e-6 * np.eye(3)))
 
 

@@ -98,7 +98,7 @@ def test_perfect_encoders_read_the_speed() -> None:
 def faulty_readings(
     kind: str, channel: str = "encoder", steps: int = 20, **entries: Any
 ) -> FloatArray:
-    """Return the faulty values of ``(1, 2, 3) + step / 10``, with a fault from 0.1 s on."""
+    """Return readings of the values ``(1, 2, 3) + step / 10`` with a fault that begins at 0.1 s."""
     fault = FaultConfiguration(channel=channel, kind=kind, time=0.1, **entries)
     faults, size = build_faults({"fault": fault}, 3), 3
     rows, random = [], np.random.default_rng(1)

@@ -91,7 +91,7 @@ def test_a_frame_of_another_shape_is_named() -> None:
 
 
 def times(count: int, rate: float, jitter: float, lost: tuple[int, ...] = ()) -> Iterator[int]:
-    """Yield arrival times of frames, late by up to a share of the period; some frames are lost."""
+    """Yield the arrival times of frames [ns], late by up to the share `jitter` of the period."""
     late = np.random.default_rng(1).uniform(0.0, jitter, count)
     for k in range(count):
         if k not in lost:

@@ -291,7 +291,7 @@ def test_rest_of_a_coarse_camera_is_always_measured(expose: Expose) -> None:
 
 
 def unequal(expose: Expose, displacement: float, contrast: float, seed: int) -> Any:
-    """Return lines of a camera with unequal pixels (1 %) over a ground of a relative contrast."""
+    """Return lines of a camera whose pixel gains differ by 1 %; `contrast` is the ground's."""
     generator = np.random.default_rng(seed)
     gain = 1.0 + 0.01 * np.random.default_rng(1).standard_normal(PIXELS)
     ground = expose(np.arange(LINES) * displacement, PIXELS, grain=3.0, noise=0.0, seed=seed)

@@ -233,7 +233,7 @@ def test_cameras_that_do_not_see_the_slide_are_refused(
 def test_a_camera_may_be_misaligned_with_the_axis_by_30_deg(
     skew_deg: float, steering_deg: float
 ) -> None:
-    """The heading is exact; sine and arcsine round it."""
+    """At the limit of 30 deg, rounding of sine and arcsine must not cause a rejection."""
     wheel = dataclasses.replace(WHEEL, steering_deg=steering_deg)
     WheelSideslip(wheel, sensor(0.6, 0.5, 90.0 + steering_deg + skew_deg))
 

@@ -129,7 +129,7 @@ def test_two_that_contradict_each_other_enlarge_the_covariance() -> None:
 
 @pytest.mark.parametrize("seed", range(40))
 def test_no_fault_of_one_of_three_is_accepted_with_a_small_covariance(seed: int) -> None:
-    """Some errors of two components equal those of another sensor; none is then excluded."""
+    """An error along both axes may look like an error of another sensor; none is then excluded."""
     random = np.random.default_rng(seed)
     flows = only("front", "left", "right")
     faulty = str(random.choice(list(flows)))
@@ -249,7 +249,7 @@ def groups_of(
 @pytest.mark.parametrize("rate", [20.0, 50.0, 100.0, 200.0])
 @pytest.mark.parametrize("phase_ns", [0, 3_000_000, -3_000_000])
 def test_a_flow_sensor_follows_the_cameras_at_its_own_rate(rate: float, phase_ns: int) -> None:
-    """Every group contains the measurement of its time, in any order of arrival."""
+    """Every group contains the flow measurement of its time, in any order of arrival."""
     first = groups_of(rate, phase_ns, flow_first=True)
     second = groups_of(rate, phase_ns, flow_first=False)
     both = min(len(first), len(second))

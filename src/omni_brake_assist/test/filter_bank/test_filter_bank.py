@@ -393,7 +393,7 @@ def test_a_wheel_that_spins_up_slowly_on_ice_does_not_mislead(
 def drive_and_brake(
     drive: Drive, twist: FloatArray, driven: FloatArray, braked: FloatArray, lag: int
 ) -> set[int]:
-    """Return the hypotheses of a stop without an IMU, in which all wheels are locked.
+    """Return the hypotheses selected in a stop without an IMU, in which all wheels lock.
 
     Args:
         drive: the vehicle.
@@ -426,7 +426,7 @@ def test_wheels_that_stay_locked_after_a_release_are_no_fault(
 
 
 def test_driven_wheels_that_slip_in_a_turn_are_no_fault(mecanum: dict[str, WheelMount]) -> None:
-    """The vehicle has a sideslip of 7 deg, which its driven wheels do not show."""
+    """The vehicle has a sideslip of 7 deg, but its driven wheels turn as without sideslip."""
     twist, driven = np.array([8.0, -1.0, 0.5]), np.array([8.0, 0.0, 0.5])
     assert drive_and_brake(Drive(mecanum), twist, driven, np.ones(4), 20) == {ALL}
 

@@ -1,4 +1,4 @@
-"""The brake monitor with wheels of which one rolls although its brake should act."""
+"""The brake monitor, for vehicles in which one wheel rolls although its brake should act."""
 
 import dataclasses
 
@@ -81,7 +81,7 @@ def test_a_brake_whose_wheel_keeps_rolling_has_failed(
 def test_a_brake_that_gets_all_and_rolls_while_others_slide_by_less_has_failed(
     configuration: BrakeAssistConfiguration,
 ) -> None:
-    """A law of proportional brakes demands more and more from it and releases the others."""
+    """A law demands more and more from the failed, proportional brake and releases the others."""
     slips, enables = np.array([0.01, 0.3, 0.0, 0.0]), np.array([1.0, 0.2, 0.0, 0.0])
     wheel, time = found(constants_of(configuration), slips, enables)
     assert wheel == 0
@@ -112,7 +112,7 @@ def test_a_brake_that_may_well_act_is_not_reported_as_failed(
 def test_short_commands_to_a_brake_are_no_failure(
     configuration: BrakeAssistConfiguration,
 ) -> None:
-    """Between them the pressure of a brake with an unknown lag falls before its wheel slides."""
+    """Between the commands, the pressure of a slow brake falls before its wheel slides."""
     constants, memory = constants_of(configuration), brake_memory(4)
     speeds = (1.0 - np.array([0.0, 0.3, 0.3, 0.3])) * rolling(constants, TWIST)
     for step in range(100):

@@ -50,7 +50,7 @@ def velocity(vehicle: Vehicle) -> NDArray[np.float64]:
 
 
 def lean(a: float, b: float, yaw: float) -> NDArray[np.float64]:
-    """Return the orientation on a plane with the normal (a, b, c)."""
+    """Return the rotation from body to world on a plane with the unit normal (a, b, c)."""
     c = math.sqrt(1.0 - a * a - b * b)
     forward = -(a * math.cos(yaw) + b * math.sin(yaw)) / c
     left = (a * math.sin(yaw) - b * math.cos(yaw)) / c
@@ -144,7 +144,7 @@ def test_ground_of_no_height_is_flat(forklift: VehicleConfiguration) -> None:
 def over_the_hill(
     forklift: VehicleConfiguration, step: float, distance: float
 ) -> tuple[float, float, float]:
-    """Cross a hill off its middle while turning; return energies: start, gain, largest."""
+    """Turn across a hill; return initial energy, its final and its largest change [J]."""
     hill = BumpConfiguration(x=6.0, y=0.7, height=0.35, radius=4.0)
     ground = ElevationConfiguration(bumps={"hill": hill}, sampling_distance=distance)
     vehicle = Vehicle(

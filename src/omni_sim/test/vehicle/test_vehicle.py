@@ -107,7 +107,7 @@ def test_vehicle_is_where_and_as_fast_as_it_was_placed(forklift: VehicleConfigur
 
 
 def momentum_balance(vehicle: Vehicle, log: Log) -> tuple[FloatArray, FloatArray]:
-    """Return the changes of (p_x, p_y, L) in a log, and the impulses of the wheel forces."""
+    """Return the changes of momentum (p_x, p_y, L) in a log, and the impulses of the wheels."""
     masses = vehicle.masses
     yaw = log.trajectory[:, 2]
     rate = log.trajectory[:, 5]

@@ -37,7 +37,7 @@ def roller_speed(vehicle: Vehicle) -> FloatArray:
 
 
 def inertia_sideways(vehicle: Vehicle) -> float:
-    """Return mass and wheels: ``omega r_D = v_y`` when a Mecanum vehicle moves sideways [kg]."""
+    """Return mass plus inertia of turning wheels of a Mecanum vehicle in sideways motion [kg]."""
     configuration = vehicle.configuration
     radius = 0.2 - float(np.mean(vehicle.wheels["load"])) / configuration.tire.vertical_stiffness
     return vehicle.masses.mass + 4.0 * configuration.wheel_inertia / radius**2
