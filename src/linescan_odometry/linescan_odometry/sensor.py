@@ -129,7 +129,7 @@ class LineChain:
             batch: at least one line, with the configured number of pixels.
 
         Returns:
-            Lines, oldest first; the next call overwrites the array.
+            Lines, oldest first, shape (m, n); the next call overwrites the array.
 
         Raises:
             Unmeasured: the stamp is older than the stamp of the previous batch, or the batch
@@ -341,7 +341,7 @@ class SensorOdometry:
 
 
 def _correlation(one: Lines, other: Lines) -> float:
-    """Return Pearson's correlation of two lines; -1 if it is not defined."""
+    """Return Pearson's correlation of two lines; -1 if a line is constant."""
     x, y = one - one.mean(), other - other.mean()
     norm = math.sqrt(float(x @ x) * float(y @ y))
     return float(x @ y) / norm if norm > 0.0 else -1.0

@@ -312,7 +312,7 @@ def _outcome(
 
 @lean
 def _first_fault(step: Any, cause: int, outside: int, replans: bool) -> int:
-    """Return the first fault in the order of `conditions.CONDITIONS`; GOOD without a fault.
+    """Return the row of the first present fault in `conditions.CONDITIONS`; GOOD without a fault.
 
     Args:
         step: flags of this step, the record `Memory.step`.

@@ -48,7 +48,7 @@ class StepPairing:
     def take(self, sample: Sample) -> BrakeDemand | None:
         """Store a sample; return the demand of its step if all inputs of this step are now known.
 
-        Each demand is returned once.
+        Each demand is returned once; in all other cases, the result is None.
         """
         self._newest[type(sample)] = sample
         pedal, twist = self.newest(PedalSample), self.newest(TwistSample)

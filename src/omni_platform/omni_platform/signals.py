@@ -139,7 +139,7 @@ class LineBatch:
 
 
 def upwards_problem(upwards: float) -> tuple[str, str] | None:
-    """Return problem and remedy if the mean upward specific force [m/s^2] is far from 1 g."""
+    """Return problem and remedy if a specific force upwards [m/s^2] is not near 1 g, else None."""
     if abs(upwards - _GRAVITY) <= _UPWARDS_TOLERANCE:
         return None
     problem = f"imu: specific force upwards {upwards:.2f}, must be {_GRAVITY:g} m/s^2 (REP 145)"

@@ -55,7 +55,7 @@ class RunControl:
         return time.monotonic() - began
 
     def take_pose(self) -> FloatArray | None:
-        """Return a newly requested pose x, y [m], yaw [rad]; None without a new request."""
+        """Return a newly requested pose x, y [m], yaw [rad], shape (3,); None without a request."""
         pose, self._pose = self._pose, None
         return pose
 

@@ -2,8 +2,8 @@
 
 - PMW3901 and PAA5100JE (SPI) take images at a fixed rate, and count how far the ground has moved
   between two images; a register holds the counts since the last reading,
-- the SparkFun OTOS (I2C) combines a PAA5160 with an IMU and reports velocities with standard
-  deviations, in the frame in which it tracks its pose.
+- the SparkFun OTOS (I2C) combines a PAA5160 with an IMU, and reports its pose and its velocities in
+  the frame of this pose, with standard deviations.
 
 The caller passes the time of a reading, and this module reads no clock. The libraries are imported
 only when a chip is opened: ``pmw3901`` requires ``spidev``, ``gpiod`` and ``gpiodevice``, and
@@ -81,9 +81,13 @@ class FlowChip(Protocol):
     """An opened optical-flow chip."""
 
     def read(self, time: float) -> FlowSample | None:
-        """Return the reading of the chip at the present time [s], which the caller passes.
+        """Read the chip.
 
-        It is None if the chip may not have taken an image since the last reading.
+        Args:
+            time: present time [s].
+
+        Returns:
+            The reading; None if the chip may not have taken an image since the last reading.
 
         Raises:
             FlowChipError: the chip does not answer.
@@ -159,9 +163,10 @@ def open_chip(configuration: FlowChipConfiguration) -> FlowChip:
 class CountingChip:
     """A PMW3901 or PAA5100JE, which counts how far the ground has moved since the last reading.
 
-    The counts change at images only, so they are divided by the number of images since the last
-    reading, and not by its time. If readings are more frequent than images, counts belong to a
-    single image. Otherwise their number is known up to one.
+    The counts change only when the chip takes an image. They are therefore divided by the duration
+    of the images since the last reading, not by the time since this reading. If the chip is read
+    more often than it takes images, all counts are from one image. Otherwise the number of images
+    is uncertain by one.
 
     Attributes:
         counts: sums of all counts along x and along y since the chip was opened.
@@ -185,7 +190,8 @@ class CountingChip:
     def read(self, time: float) -> FlowSample | None:
         """Return the mean velocity between the last images, without a yaw rate.
 
-        Without counts, this is a velocity of zero after `_REST` images, and None before.
+        If there have been no counts for the duration of `_REST` images, the velocity is zero. If
+        there have been none for a shorter time, the result is None.
         """
         try:
             # A single transfer gives consistent values; the chip then counts from zero.

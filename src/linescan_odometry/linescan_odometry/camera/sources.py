@@ -159,7 +159,7 @@ class VideoSource:
             capture.set(cv2.CAP_PROP_EXPOSURE, 1e4 * requested.exposure)
 
     def read(self) -> Frame | None:
-        """Return the next frame, converted to gray levels."""
+        """Return the next frame, converted to gray levels; None at the end of a file."""
         there, picture = self._capture.read()
         if not there:
             if self.played:

@@ -56,7 +56,7 @@ def window(length: int) -> Floats:
 
 @_fast
 def bands(size: int) -> NDArray[np.int64]:
-    """Return the edges of the frequency bands [bins of a transform of `size` px], lowest first."""
+    """Return the edges of B frequency bands [bins of a transform of `size` px], shape (B + 1,)."""
     use = int(HIGHEST * size)
     edges = np.empty(64, np.int64)
     edges[0], count = 1, 1

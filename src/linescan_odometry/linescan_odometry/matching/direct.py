@@ -290,7 +290,7 @@ def _differences(x: Lines, y: Lines) -> int:
 
 @njit(cache=True)
 def _rank_correlation(x: Lines, y: Lines, ranks: NDArray[np.int64]) -> float:
-    """Return the rank correlation of two parts of lines.
+    """Return the rank correlation of two parts of lines; minus infinity if a part is constant.
 
     Args:
         x: `_Batch.codes` of one part, shape (N,).

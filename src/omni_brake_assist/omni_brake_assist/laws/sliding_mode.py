@@ -14,7 +14,7 @@ from omni_platform.quantities import FloatArray
 
 @lean
 def step(manifold: Manifold, motion: Motion, error: FloatArray, enable: FloatArray) -> int:
-    """Enable the brakes of wheels with a negative error; the arguments are those of `Law.step`."""
+    """Enable the brakes of wheels with a negative error; see `Law.step` for arguments."""
     outcome = NO_HELP
     for i in range(error.size):
         s_perp, s_omega, s_par = wheel_error(

@@ -134,7 +134,7 @@ class LineClock:
         return round(line * self.period_ns)
 
     def times_ns(self, first: int, end: int) -> NDArray[np.float64]:
-        """Return the times of lines ``first <= j < end`` [ns], not rounded to integers."""
+        """Return the times of the m lines ``first <= j < end`` [ns], not rounded, shape (m,)."""
         period, divisor = self.period_ns.numerator, self.period_ns.denominator
         return np.array([line * period / divisor for line in range(first, end)], dtype=np.float64)
 

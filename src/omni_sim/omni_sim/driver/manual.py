@@ -64,7 +64,7 @@ class DemandInbox:
         self._twist_time = now
 
     def demand(self, now: float) -> tuple[float, FloatArray]:
-        """Return the demanded pedal position, 0 to 1, and body twist [m/s, m/s, rad/s].
+        """Return the demanded pedal position, 0 to 1, and body twist [m/s, m/s, rad/s], shape (3,).
 
         `now` is the present time on the monotonic clock [s].
         """
@@ -133,5 +133,5 @@ class ManualDriver:
         return self._pedal
 
     def command_twist(self, _stamp_ns: int, _yaw: float) -> FloatArray:
-        """Return the commanded twist of base_link in the body frame [m/s, m/s, rad/s]."""
+        """Return the commanded body twist of base_link [m/s, m/s, rad/s], shape (3,)."""
         return self._command.copy()

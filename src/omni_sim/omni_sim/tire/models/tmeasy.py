@@ -141,7 +141,7 @@ class TMeasyConfiguration(Configuration):
 
 
 def direction_coefficients(tire: TMeasyConfiguration, direction: str = "x") -> FloatArray:
-    """Return the `curve_coefficients` of a tire in the direction ``x`` or ``y``."""
+    """Return the `curve_coefficients` of a tire in the direction ``x`` or ``y``, shape (10,)."""
     curve = {"x": tire.x, "y": tire.y}[direction]
     return curve_coefficients(curve, tire.nominal_load_1, tire.nominal_load_2)
 
