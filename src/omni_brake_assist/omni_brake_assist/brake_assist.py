@@ -9,8 +9,8 @@ the wheel is negative. A valve that has just switched keeps its state for the mi
 - while the pedal is up,
 - if no error is negative, so that the vehicle never rolls unbraked,
 - from the moment when the fastest wheel center is slower than the speed threshold, until the pedal
-  is released or the speed rises above the threshold by more than a hysteresis (which happens on a
-  slope where the brakes cannot hold the vehicle),
+  is released, or until the speed exceeds the threshold by a hysteresis, as on a slope where the
+  brakes cannot hold the vehicle,
 - during a fault, for example if an input is invalid or the motion is unknown; the module
   `conditions` lists all faults.
 

@@ -39,14 +39,14 @@ class AllocationConfiguration(Configuration):
     remaining time until standstill"""
     deviation_weight: float = parameter(1.2, minimum=0.0, maximum=1.0e6)
     """Weight of heading and line of motion in the quadratic program of the control allocation,
-    relative to the cost 1 of zero deceleration. The cost of a difference between demanded and
-    achieved yaw or lateral acceleration is this weight times the difference, divided by the
-    acceleration that the friction capacities of all wheels together could cause"""
+    relative to the cost 1 of zero deceleration. It is multiplied by the difference between demanded
+    and achieved yaw or lateral acceleration, as a share of the acceleration that the friction
+    capacities of all wheels together could cause"""
     locked_share: float = parameter(0.02, minimum=0.0, maximum=1.0)
-    """Share of a speed that defines two limits. The brake of a wheel stays on if, along the active
-    direction of the wheel, the speeds of hub and vehicle are both below this share of the vehicle's
-    speed, because the motion then does not turn the wheel. A wheel is regarded as locked if its rim
-    is slower than this share of the rim speed of a rolling wheel"""
+    """Share of a speed that defines two limits. If, along the active direction of a wheel, hub and
+    vehicle are both slower than this share of the vehicle's speed, the motion does not turn the
+    wheel, and its brake stays on. A wheel is regarded as locked if its rim is slower than this
+    share of the rim speed of a rolling wheel"""
 
 
 class BrakeAssistConfiguration(Configuration):

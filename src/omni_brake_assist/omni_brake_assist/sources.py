@@ -3,7 +3,7 @@
 The test ratio is the normalized innovation squared divided by `GATE`, the limit of the chi-square
 gate; a source with a test ratio above 1 is rejected. The filter that uses all sources predicts
 the twist from the IMU. The innovation of the twist's velocity gives the test ratio of the
-accelerometer, the innovation of its yaw rate gives the test ratio of the gyro, and their sum is the
+accelerometer, and the innovation of its yaw rate gives that of the gyro. The sum of both is the
 test ratio of the twist. The speed of each rolling wheel is compared with the prediction of the most
 probable filter.
 """

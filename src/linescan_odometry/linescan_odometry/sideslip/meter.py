@@ -31,8 +31,8 @@ class SideslipMeter:
     """Measures the sideslip of one wheel with one camera and the wheel's forward velocity.
 
     A camera on the carrier of a steered wheel turns with the wheel. In this case, enter the
-    positions of camera and wheel for any fixed steering angle, and pass the rotation rate of the
-    carrier, the sum of yaw rate and steering rate, as the yaw rate.
+    positions of camera and wheel for any fixed steering angle. As the yaw rate, pass the rotation
+    rate of the carrier, which is the sum of yaw rate and steering rate.
     """
 
     def __init__(self, configuration: OdometryConfiguration, wheel: str) -> None:

@@ -74,9 +74,9 @@ class Constants(NamedTuple):
         return_share: time constant of the heading correction as a share of the remaining time of
             the stop [1].
         deviation_weight: weight of heading and line of motion in the QP [1].
-        locked_share: limit on the rim speed of a locked wheel, as a share of the rolling speed, and
-            limit on the hub speed of a wheel that the motion does not drive, as a share of the
-            vehicle's speed [1].
+        locked_share: share that defines two limits [1]. A wheel is locked if its rim is slower than
+            this share of the rolling speed. The motion does not turn a wheel if, along its active
+            direction, hub and vehicle are slower than this share of the vehicle's speed.
     """
 
     active: FloatArray
