@@ -52,8 +52,8 @@ class AssistState(enum.Enum):
     def level(self) -> int:
         """Level for `/diagnostics`: 0 OK, 1 warning, 2 error.
 
-        Invalid feedback causes a warning, because it may become valid again without intervention.
-        All other faults are errors, which require intervention by an operator.
+        Invalid feedback and jumps of stamps cause a warning, because valid values may follow
+        without intervention. All other faults are errors, which require an operator.
         """
         return next(row.level for row in CONDITIONS if row.state is self)
 

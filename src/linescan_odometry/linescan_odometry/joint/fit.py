@@ -249,7 +249,7 @@ def _places(here: Expansion, moved: Spectrum, weight: Doubles, pixels: int) -> D
 
 @kernel
 def _summed(space: Floats, first: int, end: int, seen: int) -> Floats:
-    """Return the products of lines for `_places`, summed over the lines of a block, shape (4, g).
+    """Return the four properties of `_places` at each grid point of a block, shape (4, g).
 
     Args:
         space: products M z, slopes, weighted slopes and weighted lines, shape (4, t, size).

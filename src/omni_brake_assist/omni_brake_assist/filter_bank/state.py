@@ -117,7 +117,7 @@ class BankConstants(NamedTuple):
         prior: probabilities of the hypotheses [1], shape (6,).
         initial: standard deviations of the states at the start, in the units of the states, shape
             (8,).
-        nothing: initial record of the memory, which is copied for a reset.
+        nothing: initial record of the memory, which is copied for a reset, shape (1,).
         rate_deviation: limit on the standard deviation of the yaw rate of a valid estimate [rad/s].
         least_loss: smallest deceleration of a braked vehicle, see `least_loss` [m/s^2].
         force: random walk of the velocity when the specific force is used [m/s/sqrt(s)].

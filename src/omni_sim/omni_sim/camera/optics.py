@@ -84,8 +84,8 @@ class PixelFaults:
     Attributes:
         offset: dark signal plus light from mud on the optics [gray levels of an 8-bit scale], shape
             (pixels,).
-        sight: share of the ground's light that reaches each pixel [1], shape (pixels,); 0 behind
-            mud and at a defective pixel.
+        sight: share of the ground's light that each pixel measures [1], shape (pixels,); 0 behind
+            mud and at a stuck pixel.
     """
 
     offset: NDArray[np.float32]

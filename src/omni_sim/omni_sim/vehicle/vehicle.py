@@ -282,7 +282,7 @@ class Vehicle:
 
     @property
     def uneven(self) -> bool:
-        """Whether the ground is not flat."""
+        """Whether the ground has a slope, a wave or a bump."""
         return len(self.state.terrain.parts) > 0
 
     @property
