@@ -8,7 +8,7 @@ rolls.
 
 A reading of a faulty gyro or twist is modeled as a random walk from the last reading, with steps as
 large as the vehicle's motion allows. A reading of a faulty encoder is uniformly distributed over a
-range. The likelihoods of hypotheses with and without the source are thus comparable.
+range of speeds. The likelihoods of hypotheses with and without the source are thus comparable.
 """
 
 import math

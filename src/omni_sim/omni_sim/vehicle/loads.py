@@ -160,7 +160,7 @@ def wheel_loads(
 
 
 class Overload:
-    """Monitors wheel loads beyond the range of the tire model during a run.
+    """Records wheel loads above the largest load of the tire model during a run.
 
     Attributes:
         time: total time of overload since the start, summed over the wheels [s].
