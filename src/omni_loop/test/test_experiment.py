@@ -198,7 +198,7 @@ def test_a_malformed_override_is_refused(text: str) -> None:
         ("vehicle: mecanum_forklift", "at least one named variant"),
         ("wheels: {front: {x: 1.0}}", "describes a vehicle; give it as --vehicle"),
         ("vehicle: mecanum_forklift\nvariants: {assisted: 3}", "variants.assisted: 3 is not a"),
-        ("seed: 1\nvariants: {assisted: {}}\nseed: 2", "the key 'seed' is given twice"),
+        ("seed: 1\nvariants: {assisted: {}}\nseed: 2", "the key 'seed' is given twice in line 3"),
         (
             "seed: !!bool maybe",
             "does not fit its tag .*:bool in line 1, column 7",
