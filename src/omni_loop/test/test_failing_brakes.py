@@ -38,8 +38,8 @@ def stops(changes: tuple[str, ...], wheel: str, **fails: float) -> tuple[FastRun
 
 @pytest.mark.safety(
     "a brake does not follow its command",
-    "a brake without torque, in the closed loop: any of four wheels, some of six, four directions, "
-    "6 to 10 m/s",
+    "a brake without torque from the start of the stop on, in the closed loop: any of four wheels, "
+    "some of six, four directions, 6 to 10 m/s",
     "the stop is at most 20 % longer than unassisted, with the same rotation",
     within="the whole stop",
 )
@@ -62,7 +62,8 @@ SHARES = ("brake_assist.law=allocation", "vehicle.brake.kind=proportional")
 
 @pytest.mark.safety(
     "a brake does not follow its command",
-    "a brake without torque, a stuck valve or a stuck brake, with the law `allocation`",
+    "a brake without torque, a stuck valve or a stuck brake from the start of the stop on, with "
+    "the law `allocation`",
     "brake monitor, or the law: at most 1.5 times the unassisted distance and 20 deg more rotation",
     within="the whole stop",
 )
@@ -93,7 +94,7 @@ def test_a_brake_with_a_quarter_of_its_torque_is_not_treated_as_failed(wheel: st
 
 @pytest.mark.safety(
     "a brake does not follow its command",
-    "a valve that cannot release, a brake that is stuck",
+    "a valve that cannot release, a brake that is stuck, from the start of the stop on",
     "the law brakes with the other wheels: at most 1.5 times the unassisted distance and 15 deg "
     "more rotation",
     within="the whole stop",
