@@ -163,7 +163,7 @@ class TwistEstimate:
 
     @property
     def reason(self) -> str:
-        """Text with the names of sensors that did not measure, their reasons, and the skid."""
+        """Text that states which sensors did not measure and why, and how the vehicle skids."""
         each: dict[str, SensorReading | FlowReading] = {**self.readings, **self.flows}
         reasons = [f"{name}: {r.reason}" for name, r in each.items() if not r.measured]
         return "; ".join(reasons + ([self.skid] if self.skid else []))

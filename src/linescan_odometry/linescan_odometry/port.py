@@ -103,7 +103,7 @@ class BatchCollector:
 
     @classmethod
     def of(cls, configuration: OdometryConfiguration) -> BatchCollector:
-        """Return a collector for all sensors; without cameras, flow sensors start the groups."""
+        """Return a collector for all sensors; without cameras, the fastest flow sensors lead."""
         flows = configuration.flow_sensors
         leading = list(configuration.sensors)
         if not leading and flows:

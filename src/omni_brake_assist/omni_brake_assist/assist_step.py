@@ -158,7 +158,7 @@ def _read_sensors(constants: Constants, memory: Memory, inputs: Inputs) -> bool:
 
 @lean
 def _is_recent(now_ns: int, timeout_ns: int, validity: int, stamp_ns: int) -> bool:
-    """Return whether a reading is valid and its stamp is within a timeout of `now_ns` [ns]."""
+    """Return whether a reading is valid and `now_ns` is at most a timeout from its stamp [ns]."""
     return bool(validity == VALID and abs(since(now_ns, stamp_ns)) <= timeout_ns)
 
 

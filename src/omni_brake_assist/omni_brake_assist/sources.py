@@ -100,7 +100,7 @@ def sources(memory: Memory, kinematics: PlatformKinematics, detects: bool) -> tu
 
 
 class RejectionTimers:
-    """Times for which the sources have been rejected."""
+    """Measures for how long each source has been rejected."""
 
     def __init__(self) -> None:
         self._since_ns: dict[str, int] = {}  # start of the present rejection of each source

@@ -40,7 +40,7 @@ def typical_changes(brakes: str) -> tuple[str, ...]:
 
 
 class BrakeConfiguration(Configuration):
-    """Brake of each wheel."""
+    """Kind, limits and timing of each wheel's brake."""
 
     kind: str = parameter(ON_OFF, choices=KINDS)
     """Kind of brake: `on_off` for valves that are open if the enable is at least one half;

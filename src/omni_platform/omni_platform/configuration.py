@@ -79,7 +79,7 @@ class ConfigurationError(InputError):
         return type(self), (self.key, self.problem)
 
     def below(self, parent: str) -> ConfigurationError:
-        """Return the same error with its key below `parent`."""
+        """Return the same error with the path `parent` put before its key."""
         return ConfigurationError(join_key(parent, self.key), self.problem)
 
 

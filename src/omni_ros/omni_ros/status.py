@@ -19,7 +19,7 @@ _SILENCE = 1.0  # s; time without an update after which a status is outdated
 
 
 class StatusConfiguration(Configuration):
-    """Rate at which a node publishes its status."""
+    """Period with which a node publishes its status."""
 
     diagnostics_period: float = parameter(0.5, unit="s", minimum=0.0, maximum=60.0)
     """Wall-clock period of /diagnostics; 0 to use the stamps of the inputs instead, for

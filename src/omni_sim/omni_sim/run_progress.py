@@ -38,7 +38,7 @@ class End(NamedTuple):
 
 
 def run_end(simulation: SimulationConfiguration, earliest: float = 0.0) -> End:
-    """Return the conditions under which a run ends; `earliest` is the end of the maneuver [s]."""
+    """Return the conditions under which a run ends; it does not end before `earliest` [s]."""
     return End(simulation.rest_speed, simulation.settling_time, simulation.duration_limit, earliest)
 
 

@@ -103,7 +103,7 @@ def sensor_memory() -> NDArray[np.void]:
 
 @lean
 def samples_now(sensor: SensorConstants, memory: Any, stamp_ns: int) -> bool:
-    """Return whether a sample is due at a stamp [ns]; a faulty sensor takes no samples."""
+    """Return whether the sensor takes a sample at a stamp [ns]; it takes none during a fault."""
     if sensor.fails_from_ns <= stamp_ns < sensor.fails_until_ns:
         return False
     due: bool = stamp_ns // sensor.period_ns > memory[0].sample

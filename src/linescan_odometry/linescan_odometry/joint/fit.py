@@ -73,7 +73,7 @@ def _shared(cut: Cut) -> float:
 
 @kernel
 def _gain(cut: Cut) -> float:
-    """Return the energy of the gradients of a line of white noise with the variance 1."""
+    """Return the energy of the gradients of a line of white noise, divided by its variance."""
     taper = window(cut.length)
     own = 0.0
     for i in range(len(taper)):

@@ -199,7 +199,7 @@ class Overload:
 
     @property
     def largest_load(self) -> dict[str, float]:
-        """Largest load of each wheel that was overloaded at the end of a control period [N]."""
+        """Largest load at the end of a control period [N], keyed by name of an overloaded wheel."""
         loads = zip(self._names, self._largest.tolist(), strict=True)
         return {name: load for name, load in loads if load > self._limit}
 

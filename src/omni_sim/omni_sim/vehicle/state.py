@@ -21,7 +21,7 @@ Record = Any
 
 
 def _floats(*names: str, flag: str = "") -> np.dtype[np.void]:
-    """Return a record type with the given doubles, followed by the bool `flag` if it is named."""
+    """Return a record type with a double for each name and, if `flag` is not empty, a bool."""
     flags = [(flag, np.bool_)] if flag else []
     return np.dtype([*((name, np.float64) for name in names), *flags], align=True)
 

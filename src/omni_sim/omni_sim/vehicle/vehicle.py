@@ -240,7 +240,7 @@ class Vehicle:
 
     @property
     def wheel_names(self) -> tuple[str, ...]:
-        """Names of the wheels, in the order that all arrays of wheel quantities have."""
+        """Names of the wheels, in the order of all arrays of wheel quantities."""
         return self.kinematics.geometry.names
 
     @property
@@ -250,7 +250,7 @@ class Vehicle:
 
     @property
     def motion(self) -> quantities.FloatArray:
-        """Array of `pose` and `twist`, shape (6,); on uneven ground, see `uneven_ground`."""
+        """`pose` followed by `twist`, shape (6,); `uneven_ground` defines both on such a ground."""
         motion = np.empty(6)
         dynamics.base_motion(self.state.body[0], self.state.plant.center, motion)
         return motion
@@ -369,12 +369,12 @@ class Vehicle:
 
     @property
     def overloaded_steps(self) -> int:
-        """Sum of the numbers of overloaded wheels over all steps since the vehicle was placed."""
+        """Number of steps with overload since the vehicle was placed, summed over the wheels."""
         return int(self.state.counters["overloaded_steps"][0])
 
     @property
     def tipping_steps(self) -> int:
-        """Number of steps, since the vehicle was placed, in which the vehicle would tip over."""
+        """Number of steps since the vehicle was placed in which it would have tipped over."""
         return int(self.state.counters["tipping_steps"][0])
 
 

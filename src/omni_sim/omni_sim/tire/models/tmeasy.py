@@ -55,7 +55,7 @@ class TMeasyCurve(Configuration):
     """Force of full sliding at nominal load 2"""
 
     def check_consistency(self) -> None:
-        """Check that the peak is before the sliding point and is not below the sliding force."""
+        """Check that sliding begins beyond the peak, with at most the force of the peak."""
         for load, peak_slip, slide_slip, peak_force, slide_force in (
             (1, self.peak_slip_1, self.slide_slip_1, self.peak_force_1, self.slide_force_1),
             (2, self.peak_slip_2, self.slide_slip_2, self.peak_force_2, self.slide_force_2),
