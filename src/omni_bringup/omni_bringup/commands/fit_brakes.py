@@ -100,7 +100,7 @@ def _brake_file(fit: BrakeFit, kind: str, names: list[str]) -> str:
         f"# Brakes fitted to {', '.join(names)}; copy this section into the vehicle's file.",
         "# Standard errors: "
         + ", ".join(
-            f"{key} {error:.2g} {unit}"  # NaN at a bound of the search
+            f"{key} on its bound" if math.isnan(error) else f"{key} {error:.2g} {unit}"
             for (key, unit), error in zip(_UNITS.items(), fit.standard_errors, strict=True)
         ),
         "# An error of 1 % in the vehicle's mass causes an error of 1 % in the torque.",

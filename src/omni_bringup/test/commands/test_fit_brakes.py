@@ -32,7 +32,9 @@ def test_sample_recording_gives_its_brakes(
     document = json.loads(capsys.readouterr().out)
     assert document == json.loads((out / "summary.json").read_text())
     true = yaml.safe_load((bag / "configuration.yaml").read_text())["vehicle"]["brake"]
-    found = yaml.safe_load((out / "brake.yaml").read_text())["brake"]
+    text = (out / "brake.yaml").read_text()
+    assert "dead_time on its bound, time_constant on its bound" in text
+    found = yaml.safe_load(text)["brake"]
     entry = document["metrics"]["max_torque.all"]
     assert entry["value"] == pytest.approx(true["max_torque"], rel=0.02)
     assert found["max_torque"] == pytest.approx(entry["value"], rel=1e-4)

@@ -344,10 +344,15 @@ def _front(results: Results, own: Sequence[str]) -> Figure:
 
 
 def _findings(results: Results) -> Iterator[str]:
-    """Yield a sentence for each maneuver in which unassisted braking is shorter than the bound."""
+    """Yield a sentence for each bound, and for each maneuver with a shorter unassisted stop."""
     bounds = {case.maneuver: stop.distance for case, stop in results if case.law == "bound"}
     for case, stop in results:
         least = bounds.get(case.maneuver, math.nan)
+        if case.law == "bound" and math.isfinite(stop.distance):
+            yield (
+                f"{case.maneuver}: no stop that keeps its heading is shorter than {least:.2f} m, "
+                f"{stop.note}."
+            )
         if case.law == "unassisted" and not case.condition and stop.distance < least:
             yield (
                 f"{case.maneuver}: with all brakes on the stop of {stop.distance:.2f} m is shorter "

@@ -181,6 +181,17 @@ def test_a_piece_of_the_study_holds_its_numbers_against_their_limits(tmp_path: P
     assert (tmp_path / "stops.csv").read_text().count("\n") >= 3
 
 
+def test_a_bound_is_reported_with_its_tolerance() -> None:
+    cases = laws._cases(LIBRARY, laws.Options(without_optical=True))
+    case = next(case for case in cases if case.law == "bound")
+    experiment = LIBRARY.load(case.experiment, case.variant, case.changes)
+    maneuver = maneuver_of(experiment.maneuver)
+    bound = straight_bound(experiment.vehicle, experiment.ground, maneuver)
+    (sentence,) = laws._findings([(case, laws.LawStops(LIBRARY, [case])(0))])
+    words = f"{bound.distance:.2f} m, with a tolerance of {1e3 * bound.tolerance:.0f} mm"
+    assert words in sentence
+
+
 def test_random_stops_compare_laws_in_pairs(tmp_path: Path) -> None:
     options = laws.Options(random=1, seed=3, workers=1, law=("sliding_mode", "allocation"))
     metrics = laws.run(options, StudyRun(LIBRARY, tmp_path)).metrics
