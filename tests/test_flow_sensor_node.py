@@ -55,24 +55,47 @@ raise SystemExit(flow_sensor_node.main())
 """
 RETRY_NS = 300_000_000
 
-# A model of the registers of an OTOS in place of each I2C bus; the board moves with a velocity.
+# A model of the registers of a chip in place of its bus; the chip moves with a velocity.
 BOARD = """
 import sys
-import qwiic_i2c
-from omni_vehicle import flow_sensor_node
+import time
+from types import SimpleNamespace
 
 folder, *velocity = sys.argv[1:5]
 del sys.argv[1:5]
 sys.path.insert(0, folder)
-from test_flow_chips import I2cOtos
+from test_flow_chips import I2cOtos, SpiFlowChip
+
+velocity = tuple(map(float, velocity))
+
+
+class Spi(SpiFlowChip):
+    def __init__(self):
+        super().__init__()
+        self.velocity, self.last = velocity[:2], time.monotonic()
+
+    def xfer2(self, words):
+        now = time.monotonic()
+        self.pass_time(now - self.last)
+        self.last = now
+        return super().xfer2(words)
 
 
 def board(iBus):
     found = I2cOtos()
-    found.heading = 0.1 * iBus
-    found.velocity = tuple(map(float, velocity))
+    found.heading, found.velocity = 0.1 * iBus, velocity
     return found
 
+
+sys.modules["spidev"] = SimpleNamespace(SpiDev=Spi)
+values = SimpleNamespace(INACTIVE=0, ACTIVE=1)
+line = SimpleNamespace(Direction=SimpleNamespace(OUTPUT=1), Value=values)
+sys.modules["gpiod.line"] = line
+sys.modules["gpiod"] = SimpleNamespace(LineSettings=lambda **_: None, line=line)
+sys.modules["gpiodevice"] = SimpleNamespace()
+
+import qwiic_i2c
+from omni_vehicle import flow_sensor_node
 
 qwiic_i2c.get_i2c_driver = board
 raise SystemExit(flow_sensor_node.main())
@@ -156,7 +179,7 @@ class Vehicle(Bystander):
         return f"{len(self.twists)} twists"
 
 
-def test_two_otos_chips_measure_the_twist_of_the_vehicle(tmp_path: Path) -> None:
+def test_two_chips_of_different_types_measure_the_twist_of_the_vehicle(tmp_path: Path) -> None:
     pytest.importorskip("qwiic_otos", reason="requirements/flow.lock is not installed")
     experiment = read_mapping(WORKSPACE / "config/experiments/flow_sensors.yaml", "experiment")
     experiment["flow_sensors"] = {name: vars(sensor) for name, sensor in SENSORS.items()}
@@ -173,7 +196,9 @@ def test_two_otos_chips_measure_the_twist_of_the_vehicle(tmp_path: Path) -> None
     ):
         for bus, (name, (v_x, v_y)) in enumerate(zip(SENSORS, velocities, strict=True), 1):
             moving = [models, str(v_x), str(v_y), str(TWIST[2])]
-            words = [f"sensor:={name}", "chip:=otos", f"i2c_bus:={bus}"]
+            chip = "otos" if bus == 1 else "pmw3901"
+            words = [f"sensor:={name}", f"chip:={chip}", f"i2c_bus:={bus}"]
+            words += ["counts_per_meter:=4000.0"]
             parameters = itertools.chain.from_iterable(("-p", word) for word in words)
             process = subprocess.Popen(
                 [sys.executable, "-c", BOARD, *moving, "--ros-args", *parameters],
@@ -185,5 +210,8 @@ def test_two_otos_chips_measure_the_twist_of_the_vehicle(tmp_path: Path) -> None
         group.start(odometry)
         with closing(Vehicle(domain)) as vehicle:
             vehicle.wait(lambda: sum(c[0, 0] < 1.0 for _, c in vehicle.twists) > 50)
-    measured = [twist for twist, covariance in vehicle.twists if covariance[0, 0] < 1.0]
-    np.testing.assert_allclose(measured, np.broadcast_to(TWIST, (len(measured), 3)), atol=5e-3)
+    measured = [(t, np.diag(c)) for t, c in vehicle.twists if c[0, 0] < 1.0]
+    twists, variances = (np.array(values) for values in zip(*measured, strict=True))
+    # A reading that comes late covers an unknown number of images, which its variance includes.
+    assert np.mean(np.abs(twists - TWIST) < 5.0 * np.sqrt(variances)) > 0.9
+    np.testing.assert_allclose(np.median(twists, axis=0), TWIST, atol=0.05)
