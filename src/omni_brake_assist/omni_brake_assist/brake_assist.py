@@ -21,6 +21,7 @@ motion, so the component ``s_perp`` of its errors, which keeps a vehicle on its 
 """
 
 import dataclasses
+import operator
 from collections import Counter
 from collections.abc import Iterable
 from typing import Any
@@ -149,7 +150,7 @@ class BrakeAssist:
     def _decide(self, demand: BrakeDemand) -> Decision:
         self._faults.pop(conditions.INVALID_DEMAND, None)
         try:
-            self._stamp_ns = fail_safe.checked_stamp(demand.stamp_ns)
+            self._stamp_ns = _checked_stamp(demand.stamp_ns)
         except ValueError as problem:
             fault = Fault(AssistState.INVALID_DEMAND, f"demand: {problem}")
             return self._all_on(conditions.INVALID_STAMP, fault)
@@ -225,10 +226,10 @@ class BrakeAssist:
             return MISSING, 0, missing
         try:
             arrays = [
-                fail_safe.real_array(getattr(signal, name), shape, words.get(name, name))
+                _real_array(getattr(signal, name), shape, words.get(name, name))
                 for name, shape in shapes.items()
             ]
-            return VALID, fail_safe.checked_stamp(signal.stamp_ns), arrays
+            return VALID, _checked_stamp(signal.stamp_ns), arrays
         except ValueError as problem:
             if isinstance(signal, TwistSample):
                 self._faults[UNREADABLE] = Fault(AssistState.NON_FINITE_FEEDBACK, str(problem))
@@ -306,3 +307,35 @@ class BrakeAssist:
         assist_step.open_valves(memory.valves, self._constants.dwell, float(elapsed))
         ones, zeros = np.ones(self._wheels), np.zeros(self._wheels)
         return Decision(self._stamp_ns, ones, zeros, fault.state, fault.reason, fault)
+
+
+def _checked_stamp(value: Any) -> int:
+    """Return a stamp [ns] as an integer.
+
+    Raises:
+        ValueError: the value is not a whole number, or does not fit into 64 bits.
+    """
+    try:
+        stamp = operator.index(value)
+    except TypeError:
+        raise ValueError(f"stamp is {type(value).__name__}, must be a whole number") from None
+    if not -(2**63) <= stamp < 2**63:
+        raise ValueError("stamp does not fit into 64 bits")
+    return stamp
+
+
+def _real_array(value: Any, shape: tuple[int, ...], name: str) -> FloatArray:
+    """Return a copy of a sequence of numbers as an array; error messages call it `name`.
+
+    Raises:
+        ValueError: the values are not real numbers or have another shape.
+    """
+    try:
+        array = np.asarray(value)
+    except ValueError:  # the rows have different lengths
+        array = np.asarray(None)
+    if array.dtype.kind not in "fiu":
+        raise ValueError(f"{name} must contain real numbers")
+    if array.shape != shape:
+        raise ValueError(f"{name} has shape {array.shape}, must be {shape}")
+    return np.array(array, dtype=np.float64, order="C")

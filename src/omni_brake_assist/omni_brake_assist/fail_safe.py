@@ -12,7 +12,6 @@ share. It stores the number of the violated condition, a row of `conditions.COND
 """
 
 import math
-import operator
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -327,35 +326,3 @@ def _accept(limits: Limits, gate: Any, stamp_ns: int, twist: FloatArray, braking
         gate.good += 1
         if gate.good >= limits.recovery_count:
             gate.cause = conditions.GOOD
-
-
-def checked_stamp(value: Any) -> int:
-    """Return a stamp [ns] as an integer.
-
-    Raises:
-        ValueError: the value is not a whole number, or does not fit into 64 bits.
-    """
-    try:
-        stamp = operator.index(value)
-    except TypeError:
-        raise ValueError(f"stamp is {type(value).__name__}, must be a whole number") from None
-    if not -(2**63) <= stamp < 2**63:
-        raise ValueError("stamp does not fit into 64 bits")
-    return stamp
-
-
-def real_array(value: Any, shape: tuple[int, ...], name: str) -> FloatArray:
-    """Return a copy of a sequence of numbers as an array; error messages call it `name`.
-
-    Raises:
-        ValueError: the values are not real numbers or have another shape.
-    """
-    try:
-        array = np.asarray(value)
-    except ValueError:  # the rows have different lengths
-        array = np.asarray(None)
-    if array.dtype.kind not in "fiu":
-        raise ValueError(f"{name} must contain real numbers")
-    if array.shape != shape:
-        raise ValueError(f"{name} has shape {array.shape}, must be {shape}")
-    return np.array(array, dtype=np.float64, order="C")

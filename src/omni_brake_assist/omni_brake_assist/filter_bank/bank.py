@@ -54,25 +54,21 @@ def estimate(
     valid_ns = twist.stamp_ns - constants.delay
     fresh = twist.received and valid_ns > record.twist_ns
     target_ns = max(record.horizon_ns, now_ns - (constants.twist_wait if record.received else 0))
-    if fresh:
-        target_ns = max(target_ns, valid_ns)
-    _advance(constants, memory, target_ns)
+    _advance(constants, memory, max(target_ns, valid_ns) if fresh else target_ns)
     if fresh:
         measurement.fuse_twist(constants, memory, (valid_ns - record.twist_ns) * 1e-9, twist)
-        record.twist_ns = valid_ns
-        record.received = True
+        record.twist_ns, record.received = valid_ns, True
     if record.known:
         _update_posterior(constants, memory)
     record.known = record.known or fresh
-    best = int(record.best)
-    if not braking and best != bank.NO_ESTIMATE:
-        _mix(memory, best)
+    if not braking and record.best != bank.NO_ESTIMATE:
+        _mix(memory, record.best)
     if _is_lost(memory):
         return bank.NO_ESTIMATE
-    record.scale = memory.state[best, bank.SCALE]
+    record.scale = memory.state[record.best, bank.SCALE]
     if not record.equipped:
         return bank.ALL
-    best = int(_answer(constants, memory, best, answer))
+    best = int(_answer(constants, memory, record.best, answer))
     record.known = record.known or best != bank.NO_ESTIMATE
     if fresh and valid_ns == now_ns:
         _keep_precise(constants, memory, best, twist, answer)
