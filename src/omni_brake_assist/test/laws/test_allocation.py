@@ -259,7 +259,7 @@ def test_the_force_of_a_wheel_without_a_speed_is_at_most_its_capacity(mecanum: W
         motion.wheel_speed[0] = math.nan
         allocation.step(law, memory, motion, error, enable)
         memory.body["responded"] = True
-        memory.wheel["mean_brake"][0] = 3.0 * memory.wheel["capacity"][0]
+        memory.sent[:, 0] = 3.0 * memory.wheel["capacity"][0]
     wheel = memory.wheel[0]
     assert 0.0 < wheel["force"] <= wheel["capacity"]
     assert 0.0 < wheel["measured"] <= wheel["capacity"]
