@@ -5,7 +5,6 @@ from typing import NamedTuple
 from omni_brake_assist.configuration import LAWS, MOST_VALVES, BrakeAssistConfiguration
 from omni_brake_assist.laws import allocation, allocation_state, sliding_mode
 from omni_brake_assist.laws.law import HELD, NO_HELP, NO_WHEEL, Motion, is_new
-from omni_brake_assist.sliding_manifold import Manifold
 from omni_platform.geometry import PlatformGeometry
 from omni_platform.kernels import lean
 from omni_platform.quantities import FloatArray
@@ -28,7 +27,7 @@ class LawConstants(NamedTuple):
 
     kind: int
     replans: bool
-    sliding_mode: Manifold
+    sliding_mode: sliding_mode.Manifold
     allocation: allocation_state.Constants
 
 

@@ -15,7 +15,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Polygon
 
-from omni_brake_assist.sliding_manifold import SlidingManifold
+from omni_brake_assist.laws.sliding_mode import SlidingManifold
 from omni_brake_assist.weighting import weighting_function
 from omni_figures import style
 from omni_figures.scene import Scene, ahead_up

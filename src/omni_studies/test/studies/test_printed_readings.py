@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from omni_brake_assist.sliding_manifold import SlidingManifold
+from omni_brake_assist.laws.sliding_mode import SlidingManifold
 from omni_brake_assist.weighting import weighting_function
 from omni_loop.compiled import run_fast_loop
 from omni_loop.experiment import ExperimentLibrary

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from reference_equations import force_directions, sliding_velocities
 
 from omni_brake_assist.assist_step import fastest_wheel
-from omni_brake_assist.sliding_manifold import SlidingManifold
+from omni_brake_assist.laws.sliding_mode import SlidingManifold
 from omni_brake_assist.weighting import WEIGHTINGS, weighting_function
 from omni_platform.geometry import PlatformGeometry, WheelMount, cross
 from omni_platform.kinematics import PlatformKinematics
