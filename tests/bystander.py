@@ -3,14 +3,32 @@
 from __future__ import annotations
 
 import os
+import subprocess
+import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import rclpy
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
+
+from omni_ros.environment import node_environment
+
+
+@contextmanager
+def node_process(domain: int, *words: str) -> Iterator[None]:
+    """Run ``python WORDS`` in a ROS domain; at the end, terminate it and require success."""
+    process = subprocess.Popen(
+        [sys.executable, *words], env=node_environment(domain), stdin=subprocess.DEVNULL
+    )
+    try:
+        yield
+    finally:
+        process.terminate()
+        assert process.wait(20.0) == 0
 
 
 class Bystander:

@@ -2,22 +2,19 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from typing import Any
 
 import numpy as np
 import pytest
-from bystander import Bystander
+from bystander import Bystander, node_process
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import Twist, TwistStamped
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool, Float64, Float64MultiArray
 
 from omni_bringup.graph.domain import reserved_domain
-from omni_ros.environment import node_environment
 from omni_ros.messages import joint_state
 from omni_ros.qos import RELIABLE
 
@@ -86,18 +83,13 @@ def vehicle(array: bool, **parameters: object) -> Iterator[Controllers]:
     given = {"wheels": list(WHEELS), "joints": list(JOINTS), "pedal": "twist", "estop": True}
     given |= {"output": "array" if array else "joint_state", **parameters}
     words = [word for key, value in given.items() for word in ("-p", f"{key}:={_yaml(value)}")]
-    with reserved_domain() as domain:
-        process = subprocess.Popen(
-            [sys.executable, "-m", "omni_vehicle.brake_adapter_node", "--ros-args", *words],
-            env=node_environment(domain),
-            stdin=subprocess.DEVNULL,
-        )
-        try:
-            with closing(Controllers(domain, array)) as controllers:
-                yield controllers
-        finally:
-            process.terminate()
-            assert process.wait(20.0) == 0
+    node = "-m", "omni_vehicle.brake_adapter_node", "--ros-args"
+    with (
+        reserved_domain() as domain,
+        node_process(domain, *node, *words),
+        closing(Controllers(domain, array)) as controllers,
+    ):
+        yield controllers
 
 
 def _yaml(value: object) -> str:

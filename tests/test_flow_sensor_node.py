@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import itertools
 import json
-import subprocess
-import sys
 from contextlib import ExitStack, closing
 from pathlib import Path
 
 import numpy as np
 import pytest
-from bystander import Bystander
+from bystander import Bystander, node_process
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import TwistWithCovarianceStamped
 from omni_process import WORKSPACE
@@ -128,20 +126,14 @@ class Listener(Bystander):
 def test_a_lost_chip_is_reported_and_opened_again() -> None:
     words = ["sensor:=left", "chip:=otos", f"retry_period:={1e-9 * RETRY_NS}"]
     parameters = itertools.chain.from_iterable(("-p", word) for word in words)
-    with reserved_domain() as domain:
-        process = subprocess.Popen(
-            [sys.executable, "-c", PROGRAM, "--ros-args", *parameters],
-            env=node_environment(domain),
-            stdin=subprocess.DEVNULL,
-        )
-        try:
-            with closing(Listener(domain)) as listener:
-                listener.wait(lambda: len(listener.twists) > 28)
-                listener.wait(lambda: "the bus failed; trying again" in listener.reports)
-                listener.wait(lambda: "surface quality 3" in listener.reports)
-        finally:
-            process.terminate()
-            assert process.wait(20.0) == 0
+    with (
+        reserved_domain() as domain,
+        node_process(domain, "-c", PROGRAM, "--ros-args", *parameters),
+        closing(Listener(domain)) as listener,
+    ):
+        listener.wait(lambda: len(listener.twists) > 28)
+        listener.wait(lambda: "the bus failed; trying again" in listener.reports)
+        listener.wait(lambda: "surface quality 3" in listener.reports)
     assert {message.header.frame_id for message in listener.twists} == {"left"}
     opened: dict[int, int] = {}  # stamp of the first reading by number of the opening
     unmeasured = 0
@@ -200,13 +192,8 @@ def test_two_chips_of_different_types_measure_the_twist_of_the_vehicle(tmp_path:
             words = [f"sensor:={name}", f"chip:={chip}", f"i2c_bus:={bus}"]
             words += ["counts_per_meter:=4000.0"]
             parameters = itertools.chain.from_iterable(("-p", word) for word in words)
-            process = subprocess.Popen(
-                [sys.executable, "-c", BOARD, *moving, "--ros-args", *parameters],
-                env=node_environment(domain),
-                stdin=subprocess.DEVNULL,
-            )
-            stack.callback(process.wait)
-            stack.callback(process.terminate)
+            given = "-c", BOARD, *moving, "--ros-args", *parameters
+            stack.enter_context(node_process(domain, *given))
         group.start(odometry)
         with closing(Vehicle(domain)) as vehicle:
             vehicle.wait(lambda: sum(c[0, 0] < 1.0 for _, c in vehicle.twists) > 50)

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from bystander import Bystander
+from bystander import Bystander, node_process
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import TwistWithCovarianceStamped
 from omni_process import WORKSPACE, omni
@@ -29,7 +29,6 @@ from omni_bringup.graph.hardware import ARGUMENTS, hardware_nodes, starts_again
 from omni_bringup.graph.process_group import find_executable
 from omni_bringup.workspace import Workspace
 from omni_platform.configuration import ConfigurationError
-from omni_ros.environment import node_environment
 from omni_ros.messages import joint_state, planar_twist_with_covariance
 from omni_ros.qos import RELIABLE
 
@@ -104,18 +103,12 @@ def vehicle(parameters: Path) -> Iterator[StandIn]:
     given = [str(parameters.parent / w) if w.startswith("my_vehicle/") else w for w in start[5:]]
     wheels = yaml.safe_load((parameters / "brake_assist.yaml").read_text())["/**"]
     names = tuple(wheels["ros__parameters"]["wheels.names"])
-    with reserved_domain() as domain:
-        process = subprocess.Popen(
-            [sys.executable, "-m", module, *given],
-            env=node_environment(domain),
-            stdin=subprocess.DEVNULL,
-        )
-        try:
-            with closing(StandIn(domain, names)) as vehicle:
-                yield vehicle
-        finally:
-            process.terminate()
-            assert process.wait(20.0) == 0
+    with (
+        reserved_domain() as domain,
+        node_process(domain, "-m", module, *given),
+        closing(StandIn(domain, names)) as vehicle,
+    ):
+        yield vehicle
 
 
 def test_the_page_leads_to_an_assisted_stop(vehicle: StandIn) -> None:

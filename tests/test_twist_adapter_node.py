@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
 from contextlib import closing
 
 import numpy as np
-from bystander import Bystander
+from bystander import Bystander, node_process
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import TwistWithCovarianceStamped
 from nav_msgs.msg import Odometry
 
 from omni_bringup.graph.domain import reserved_domain
-from omni_ros.environment import node_environment
 from omni_ros.messages import planar_odometry, planar_twist_of
 from omni_ros.qos import BEST_EFFORT, RELIABLE
 
@@ -49,25 +46,20 @@ class Vehicle(Bystander):
 
 
 def test_an_odometry_without_covariance_gets_the_one_that_is_configured() -> None:
+    node = "-m", "omni_vehicle.twist_adapter_node", "--ros-args"
     words = ["-p", "input_type:=odometry", "-p", "deviation:=[0.1, 0.1, 0.2]"]
-    with reserved_domain() as domain:
-        process = subprocess.Popen(
-            [sys.executable, "-m", "omni_vehicle.twist_adapter_node", "--ros-args", *words],
-            env=node_environment(domain),
-            stdin=subprocess.DEVNULL,
-        )
-        try:
-            with closing(Vehicle(domain)) as vehicle:
-                vehicle.wait(lambda: vehicle.twists)
-                twist, covariance = planar_twist_of(vehicle.twists[-1])
-                np.testing.assert_array_equal(twist, TWIST)
-                np.testing.assert_allclose(covariance, np.diag([0.01, 0.01, 0.04]))
-                vehicle.frame = "camera_link"
-                vehicle.wait(lambda: "'camera_link', not in 'base_link'" in vehicle.status)
-                vehicle.catch_up(lambda: len(vehicle.twists))
-                vehicle.twists.clear()
-                vehicle.catch_up(lambda: len(vehicle.twists))
-                assert not vehicle.twists
-        finally:
-            process.terminate()
-            assert process.wait(20.0) == 0
+    with (
+        reserved_domain() as domain,
+        node_process(domain, *node, *words),
+        closing(Vehicle(domain)) as vehicle,
+    ):
+        vehicle.wait(lambda: vehicle.twists)
+        twist, covariance = planar_twist_of(vehicle.twists[-1])
+        np.testing.assert_array_equal(twist, TWIST)
+        np.testing.assert_allclose(covariance, np.diag([0.01, 0.01, 0.04]))
+        vehicle.frame = "camera_link"
+        vehicle.wait(lambda: "'camera_link', not in 'base_link'" in vehicle.status)
+        vehicle.catch_up(lambda: len(vehicle.twists))
+        vehicle.twists.clear()
+        vehicle.catch_up(lambda: len(vehicle.twists))
+        assert not vehicle.twists

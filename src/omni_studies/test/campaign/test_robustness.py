@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
+from local_cluster import local_client
 
 from omni_loop.compiled import run_fast_loop
 from omni_loop.experiment import ExperimentLibrary
@@ -54,14 +55,7 @@ def braking() -> RandomBraking:
 
 @pytest.fixture(scope="module")
 def client() -> Iterator[Client]:
-    from distributed import Client, LocalCluster  # slow import, for one process of all tests only
-
-    with (
-        LocalCluster(
-            n_workers=1, threads_per_worker=2, processes=False, dashboard_address=":0"
-        ) as cluster,
-        Client(cluster) as client,
-    ):
+    with local_client() as client:
         yield client
 
 

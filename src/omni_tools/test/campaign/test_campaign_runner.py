@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 import pytest
+from local_cluster import local_client
 
 from omni_platform.configuration import ConfigurationError
 from omni_tools.campaign import runner
@@ -33,14 +34,7 @@ def work(seed: int) -> Row:
 
 @pytest.fixture(scope="module")
 def client() -> Iterator[Client]:
-    from distributed import Client, LocalCluster  # slow import, for one process of all tests only
-
-    with (
-        LocalCluster(
-            n_workers=1, threads_per_worker=2, processes=False, dashboard_address=":0"
-        ) as cluster,
-        Client(cluster) as client,
-    ):
+    with local_client() as client:
         yield client
 
 
