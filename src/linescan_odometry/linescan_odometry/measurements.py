@@ -7,9 +7,8 @@ from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from omni_platform.quantities import FloatArray
+from omni_platform.quantities import Float32Array, FloatArray
 from omni_platform.signals import Lines
 
 UNMEASURED_VARIANCE = 1e6
@@ -33,7 +32,7 @@ class Displacement(NamedTuple):
     variance: float
     correlation: float
     share: float
-    rest: Lines | NDArray[np.float32] | None = None
+    rest: Lines | Float32Array | None = None
 
 
 @dataclasses.dataclass(frozen=True)

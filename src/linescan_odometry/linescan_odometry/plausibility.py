@@ -7,10 +7,10 @@ the sensor for a limited time only.
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
 from linescan_odometry.matching.pairs import PairDisplacements
 from omni_platform.kernels import njit
+from omni_platform.quantities import BoolArray, FloatArray
 from omni_platform.sensors import LineSensor
 
 
@@ -50,7 +50,7 @@ class Plausibility:
         pairs.usable[off] = False
         return int(np.count_nonzero(off))
 
-    def check(self, stamp_ns: int, displacement: NDArray[np.float64]) -> NDArray[np.bool_]:
+    def check(self, stamp_ns: int, displacement: FloatArray) -> BoolArray:
         """Return whether each displacement is plausible, shape (m,).
 
         Args:
@@ -81,13 +81,13 @@ class Plausibility:
 
 @njit(cache=True)
 def _mark(
-    displacement: NDArray[np.float64],
+    displacement: FloatArray,
     newest_ns: float,
     period_ns: float,
     measured_ns: float,
     expected: float,
     reach: tuple[float, float],
-    plausible: NDArray[np.bool_],
+    plausible: BoolArray,
 ) -> None:
     """Write to `plausible` whether each displacement is close to the expected displacement.
 

@@ -10,10 +10,9 @@ uses it as its initial value.
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from linescan_odometry.joint.fixed_pattern import FixedPattern
-from omni_platform.quantities import FloatArray
+from omni_platform.quantities import BoolArray, FloatArray
 from omni_platform.signals import LineBatchError, Lines
 
 _STRONGEST = 4.0  # limit on the gain; a pixel that needs a larger one counts as dead
@@ -37,7 +36,7 @@ class References:
         """
         self.dark: FloatArray = np.zeros(pixels)
         self.gain: FloatArray = np.ones(pixels)
-        self.dead: NDArray[np.bool_] = np.zeros(pixels, np.bool_)
+        self.dead: BoolArray = np.zeros(pixels, np.bool_)
         self.pattern: FixedPattern | None = None
 
     @property

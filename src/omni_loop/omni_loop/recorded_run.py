@@ -16,13 +16,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from omni_loop.history import SIGNALS, RunHistory
 from omni_loop.metrics import rest_stamp
 from omni_platform import topics
 from omni_platform.geometry import turned
-from omni_platform.quantities import SECOND_NS, FloatArray
+from omni_platform.quantities import SECOND_NS, FloatArray, IntArray
 from omni_platform.signals import UNMEASURED_VARIANCE
 from omni_recording.error import BagError
 
@@ -47,7 +46,7 @@ _VARIANCES = [0, 7, 35]
 class Stream:
     """Messages of one topic, sorted by stamp."""
 
-    stamp_ns: NDArray[np.int64]
+    stamp_ns: IntArray
     messages: tuple[Any, ...]
 
     @classmethod
@@ -216,7 +215,7 @@ def _integrated(streams: Mapping[str, Stream]) -> dict[str, Any]:
     }
 
 
-def _assist_states(stamps: NDArray[np.int64], stream: Stream | None, assistant: str) -> list[str]:
+def _assist_states(stamps: IntArray, stream: Stream | None, assistant: str) -> list[str]:
     """Return the state of the brake assistant at each control stamp.
 
     The state is an empty text before the first report.

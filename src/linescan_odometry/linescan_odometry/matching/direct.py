@@ -27,9 +27,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from omni_platform.kernels import kernel, njit
+from omni_platform.quantities import FloatArray, IntArray
 from omni_platform.signals import Lines
 
 _PEARSON, _COSINE, _EUCLIDEAN, _SQUARED_EUCLIDEAN, _MANHATTAN, _SPEARMAN = range(6)
@@ -63,8 +63,8 @@ class _Batch(NamedTuple):
     kind: int
     lines: Lines
     codes: Lines
-    sums: NDArray[np.int64]
-    ranks: NDArray[np.int64]
+    sums: IntArray
+    ranks: IntArray
 
 
 class _Range(NamedTuple):
@@ -108,9 +108,7 @@ class DirectSearch:
         """Discard the last displacement; the next line starts a new sequence."""
         self._before[:] = 0
 
-    def match(
-        self, lines: Lines, shift: NDArray[np.int64], similarity: NDArray[np.float64]
-    ) -> None:
+    def match(self, lines: Lines, shift: IntArray, similarity: FloatArray) -> None:
         """Find the shift of each line; implements `search.ShiftSearch.match`."""
         codes, levels = lines, 0
         if self._kind == _SPEARMAN:
@@ -134,7 +132,7 @@ def _order(lines: Lines) -> tuple[Lines, int]:
 
 
 @kernel
-def running_sums(lines: Lines) -> NDArray[np.int64]:
+def running_sums(lines: Lines) -> IntArray:
     """Return sums over the first k = 0 to n pixels of each line, shape (2, m, n + 1).
 
     Entry 0 of the first axis is for the gray levels, entry 1 for their squares.
@@ -156,9 +154,9 @@ def _match(
     batch: _Batch,
     whole: _Range,
     window: int,
-    before: NDArray[np.int64],
-    shift: NDArray[np.int64],
-    similarity: NDArray[np.float64],
+    before: IntArray,
+    shift: IntArray,
+    similarity: FloatArray,
 ) -> None:
     lines, sums, low, high = batch.lines, batch.sums, whole.low, whole.high
     for pair in range(shift.shape[0]):
@@ -238,9 +236,7 @@ def _distance(batch: _Batch, pair: int, s: int) -> float:
 
 
 @njit(cache=True)
-def correlation(
-    lines: Lines, sums: NDArray[np.int64], pair: int, s: int, undefined: float = -1.0
-) -> float:
+def correlation(lines: Lines, sums: IntArray, pair: int, s: int, undefined: float = -1.0) -> float:
     """Return Pearson's correlation (81) of a pair at shift `s` [px].
 
     The result is bit-identical to that of the module `pearson`. If a line is constant in the
@@ -289,7 +285,7 @@ def _differences(x: Lines, y: Lines) -> int:
 
 
 @njit(cache=True)
-def _rank_correlation(x: Lines, y: Lines, ranks: NDArray[np.int64]) -> float:
+def _rank_correlation(x: Lines, y: Lines, ranks: IntArray) -> float:
     """Return the rank correlation of two parts of lines; minus infinity if a part is constant.
 
     Args:
@@ -310,7 +306,7 @@ def _rank_correlation(x: Lines, y: Lines, ranks: NDArray[np.int64]) -> float:
 
 
 @njit(cache=True)
-def _rank(part: Lines, ranks: NDArray[np.int64]) -> int:
+def _rank(part: Lines, ranks: IntArray) -> int:
     """Write the centered ranks of the gray levels in part of a line to `ranks`.
 
     Args:

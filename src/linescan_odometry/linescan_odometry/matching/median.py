@@ -10,18 +10,18 @@ sqrt(m).
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
 from omni_platform.kernels import njit
+from omni_platform.quantities import BoolArray, FloatArray
 
 
 @njit(cache=True)
 def mark_inliers(
-    displacement: NDArray[np.float64],
-    usable: NDArray[np.bool_],
+    displacement: FloatArray,
+    usable: BoolArray,
     group_lines: int,
     tolerance: float,
-    inlier: NDArray[np.bool_],
+    inlier: BoolArray,
 ) -> None:
     """Write to `inlier` whether each displacement is close to the median of its group.
 
@@ -61,11 +61,11 @@ def mark_inliers(
 
 
 def find_inliers(
-    displacement: NDArray[np.float64],
-    usable: NDArray[np.bool_],
+    displacement: FloatArray,
+    usable: BoolArray,
     group_lines: int,
     tolerance: float,
-) -> tuple[NDArray[np.bool_], float]:
+) -> tuple[BoolArray, float]:
     """Return whether each displacement is an inlier, shape (m,), and the share of inliers, 0 to 1.
 
     An inlier is close to the median of its group. The arguments are those of `mark_inliers`.
@@ -76,9 +76,7 @@ def find_inliers(
 
 
 @njit(cache=True)
-def average(
-    displacement: NDArray[np.float64], inlier: NDArray[np.bool_], weight: NDArray[np.float64]
-) -> float:
+def average(displacement: FloatArray, inlier: BoolArray, weight: FloatArray) -> float:
     """Return the mean of the inliers, corrected for acceleration.
 
     Args:

@@ -3,11 +3,10 @@
 import dataclasses
 
 import numpy as np
-from numpy.typing import NDArray
 
 from linescan_odometry.matching.search import ShiftSearch
 from linescan_odometry.matching.subpixel import SubpixelRefiner
-from omni_platform.quantities import FloatArray
+from omni_platform.quantities import BoolArray, FloatArray
 from omni_platform.signals import Lines
 
 
@@ -27,7 +26,7 @@ class PairDisplacements:
     displacement: FloatArray
     errors: FloatArray
     similarity: FloatArray
-    usable: NDArray[np.bool_]
+    usable: BoolArray
 
 
 class PairMatcher:

@@ -11,20 +11,16 @@ from collections.abc import Callable, Mapping
 from functools import partial
 from typing import Protocol
 
-import numpy as np
-from numpy.typing import NDArray
-
 from linescan_odometry.matching.direct import DirectSearch
 from linescan_odometry.matching.pearson import PearsonSearch
+from omni_platform.quantities import FloatArray, IntArray
 from omni_platform.signals import Lines
 
 
 class ShiftSearch(Protocol):
     """Finds integer shifts between the consecutive rows of an array of lines."""
 
-    def match(
-        self, lines: Lines, shift: NDArray[np.int64], similarity: NDArray[np.float64]
-    ) -> None:
+    def match(self, lines: Lines, shift: IntArray, similarity: FloatArray) -> None:
         """Find the shift of each line relative to the previous one.
 
         Args:

@@ -28,9 +28,9 @@ accuracy` reports this bias as `locking`.
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from omni_platform.kernels import kernel, njit
+from omni_platform.quantities import Float32Array, FloatArray, IntArray
 from omni_platform.signals import Lines
 
 FEWEST_PIXELS = 32
@@ -63,9 +63,7 @@ class SubpixelRefiner:
         """Create a refiner for lines with this number of pixels."""
         self._sigma = kernel_sigma(pixels)
 
-    def refine(
-        self, lines: Lines, shift: NDArray[np.int64]
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def refine(self, lines: Lines, shift: IntArray) -> tuple[FloatArray, FloatArray]:
         """Refine the shift of each line relative to the previous one.
 
         Args:
@@ -86,10 +84,10 @@ class SubpixelRefiner:
 @kernel
 def _refine(
     lines: Lines,
-    shift: NDArray[np.int64],
+    shift: IntArray,
     sigma: float,
-    displacement: NDArray[np.float64],
-    errors: NDArray[np.float64],
+    displacement: FloatArray,
+    errors: FloatArray,
 ) -> None:
     """Refine the shift of every pair by Gauss-Newton steps.
 
@@ -124,7 +122,7 @@ def _refine(
 
 
 @njit(nogil=True, error_model="numpy", fastmath=_REORDER)
-def _equalize(part: Lines, out: NDArray[np.float32]) -> None:
+def _equalize(part: Lines, out: Float32Array) -> None:
     """Write part of a line to `out`, scaled to mean 0 and variance 1; zeros if it is constant."""
     mean, squares = part.mean(), 0.0
     for i in range(len(part)):
@@ -135,7 +133,7 @@ def _equalize(part: Lines, out: NDArray[np.float32]) -> None:
 
 
 @njit(cache=True, error_model="numpy")
-def _make_filters(fraction: float, sigma: float, filters: NDArray[np.float32]) -> None:
+def _make_filters(fraction: float, sigma: float, filters: Float32Array) -> None:
     """Write the smoothing filter and the derivative filter of each line to `filters`.
 
     Args:
@@ -153,9 +151,7 @@ def _make_filters(fraction: float, sigma: float, filters: NDArray[np.float32]) -
 
 
 @njit(nogil=True, error_model="numpy", fastmath=_REORDER)
-def _filter(
-    both: NDArray[np.float32], filters: NDArray[np.float32], filtered: NDArray[np.float32]
-) -> None:
+def _filter(both: Float32Array, filters: Float32Array, filtered: Float32Array) -> None:
     """Apply two filters to each of two lines, and write the results to `filtered`.
 
     Args:
@@ -173,7 +169,7 @@ def _filter(
 
 
 @njit(nogil=True, error_model="numpy", fastmath=_REORDER)
-def _step(filtered: NDArray[np.float32], errors: NDArray[np.float64]) -> float:
+def _step(filtered: Float32Array, errors: FloatArray) -> float:
     """Return a Gauss-Newton step [px], and write its error due to each part to `errors`.
 
     The step is infinite if the lines have no gradient.

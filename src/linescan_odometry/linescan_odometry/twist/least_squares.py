@@ -32,10 +32,9 @@ import math
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from omni_platform.configuration import ConfigurationError
-from omni_platform.quantities import FloatArray
+from omni_platform.quantities import BoolArray, FloatArray
 from omni_platform.sensors import Mount, sensor_matrix
 
 _NARROWEST = math.sin(math.radians(5.0)) ** 2
@@ -110,7 +109,7 @@ class TwistSolver:
             self._left[place] = errors
         self._calibrated = bool(self._left.any())
 
-    def rows(self, measured: tuple[bool, ...]) -> NDArray[np.bool_]:
+    def rows(self, measured: tuple[bool, ...]) -> BoolArray:
         """Return whether each velocity belongs to a sensor that is used, shape (R,)."""
         return np.repeat(np.array(measured, np.bool_), self._sizes[: len(measured)])
 

@@ -13,15 +13,12 @@ from collections import deque
 from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
 from linescan_odometry.measurements import SensorReading
 from omni_platform.kernels import njit
-from omni_platform.quantities import FloatArray
+from omni_platform.quantities import Float32Array, FloatArray
 from omni_platform.sensors import LineSensor, velocity_row
 from omni_platform.signals import Lines
-
-Floats = NDArray[np.float32]
 
 _REACH = 0.5  # share of a line; larger shifts of a view are not compared
 _REMEMBERED = 128  # number of twists that are stored
@@ -48,7 +45,7 @@ class Keyframe:
             pixels: number of pixels n of a line.
         """
         self._step = 4 if pixels > 512 else 2  # px; finer detail is noise
-        self._gradient: Floats | None = None
+        self._gradient: Float32Array | None = None
         self._stamp_ns = 0
         self._shift = 0.0
 
@@ -57,7 +54,7 @@ class Keyframe:
         self._gradient = None
 
     def compare(
-        self, stamp_ns: int, period_ns: float, lines: Lines | Floats, displacement: float
+        self, stamp_ns: int, period_ns: float, lines: Lines | Float32Array, displacement: float
     ) -> tuple[float, float]:
         """Return the age of the stored line, and how well newer lines still match it.
 
@@ -101,14 +98,14 @@ class Keyframe:
             return 0.0, 0.0
         return 1e-9 * (stamp_ns - self._stamp_ns), persistence
 
-    def _remember(self, line: Lines | Floats) -> None:
-        gradient: Floats = np.empty((3, len(line) - 2 * self._step + 1), np.float32)
+    def _remember(self, line: Lines | Float32Array) -> None:
+        gradient: Float32Array = np.empty((3, len(line) - 2 * self._step + 1), np.float32)
         _differentiate(line, self._step, gradient[0])
         self._gradient = gradient
 
 
 @njit(cache=True)
-def _differentiate(line: Lines | Floats, step: int, gradient: Floats) -> None:
+def _differentiate(line: Lines | Float32Array, step: int, gradient: Float32Array) -> None:
     """Write to `gradient` the differences between neighboring sums of `step` pixels of a line."""
     ahead, behind = 0.0, 0.0
     for i in range(step):
@@ -124,12 +121,12 @@ def _differentiate(line: Lines | Floats, step: int, gradient: Floats) -> None:
 
 @njit(cache=True, nogil=True, fastmath={"reassoc", "contract", "nsz"})
 def _compare(
-    lines: Lines | Floats,
+    lines: Lines | Float32Array,
     step: int,
     shift: float,
     displacement: float,
     abort_below: float,
-    gradient: Floats,
+    gradient: Float32Array,
 ) -> tuple[float, float]:
     """Return the correlation of the two newest lines, and of newer lines with an earlier line.
 

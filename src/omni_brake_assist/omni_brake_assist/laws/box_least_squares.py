@@ -13,10 +13,9 @@ Sherman-Morrison-Woodbury identity).
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from omni_platform.kernels import lean
-from omni_platform.quantities import FloatArray
+from omni_platform.quantities import FloatArray, IntArray
 
 _FREE, _LOW, _HIGH = range(3)
 _TOLERANCE = 1e-9  # tolerance for rounding errors of a multiplier [1]
@@ -47,7 +46,7 @@ class Box(NamedTuple):
     linear: FloatArray
     upper: FloatArray
     solution: FloatArray
-    place: NDArray[np.int64]
+    place: IntArray
     slope: FloatArray
     step: FloatArray
     matrix: FloatArray

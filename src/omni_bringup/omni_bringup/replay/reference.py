@@ -3,11 +3,10 @@
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from omni_loop import experiment, recorded_run
 from omni_platform import kinematics, topics
-from omni_platform.quantities import FloatArray
+from omni_platform.quantities import BoolArray, FloatArray
 from omni_recording import error, folder
 
 TRUTH, WHEELS, AUTO = "truth", "wheels", "auto"
@@ -91,7 +90,7 @@ def _means(time: FloatArray, pose: FloatArray) -> tuple[FloatArray, FloatArray]:
     return (0.5 * (time[1:] + time[:-1]))[moving], way[moving] / elapsed[moving, None]
 
 
-def _accelerating(time: FloatArray, twist: FloatArray, steady: float = 1.0) -> NDArray[np.bool_]:
+def _accelerating(time: FloatArray, twist: FloatArray, steady: float = 1.0) -> BoolArray:
     """Return for each sample whether the acceleration is so large that wheels may slip, shape (K,).
 
     Args:
@@ -103,5 +102,5 @@ def _accelerating(time: FloatArray, twist: FloatArray, steady: float = 1.0) -> N
     span = np.pad(time, _SPREAD, mode="edge")
     elapsed = np.maximum(span[2 * _SPREAD :] - span[: -2 * _SPREAD], 1e-9)
     change = np.abs(padded[2 * _SPREAD :] - padded[: -2 * _SPREAD])
-    sharp: NDArray[np.bool_] = np.max(change, axis=1) / elapsed > steady
+    sharp: BoolArray = np.max(change, axis=1) / elapsed > steady
     return sharp

@@ -11,7 +11,6 @@ from fractions import Fraction
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
 from omni_platform.background import in_background
 from omni_platform.kernels import lean
@@ -133,7 +132,7 @@ class LineClock:
         """Return the time of the line with index `line` [ns], rounded to an integer."""
         return round(line * self.period_ns)
 
-    def times_ns(self, first: int, end: int) -> NDArray[np.float64]:
+    def times_ns(self, first: int, end: int) -> FloatArray:
         """Return the times of the m lines ``first <= j < end`` [ns], not rounded, shape (m,)."""
         period, divisor = self.period_ns.numerator, self.period_ns.denominator
         return np.array([line * period / divisor for line in range(first, end)], dtype=np.float64)

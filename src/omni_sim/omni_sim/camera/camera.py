@@ -11,10 +11,9 @@ import math
 from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
 from omni_platform.kernels import lean
-from omni_platform.quantities import FloatArray
+from omni_platform.quantities import Float32Array, FloatArray
 from omni_platform.sensors import LineSensor
 from omni_platform.signals import Lines
 from omni_sim.camera import optics
@@ -84,7 +83,7 @@ class LineCamera:
         _place(poses, self.sensor.x, self.sensor.y, self.sensor.heading, footprints)
         return footprints
 
-    def grays(self, poses: FloatArray, velocities: FloatArray | None = None) -> NDArray[np.float32]:
+    def grays(self, poses: FloatArray, velocities: FloatArray | None = None) -> Float32Array:
         """Return the light on each pixel in gray levels, without noise and quantization.
 
         This is the mean gray level of the pixel's footprint times the transmission of the optics
@@ -103,9 +102,7 @@ class LineCamera:
             grays *= self._transmission
         return grays
 
-    def ground(
-        self, poses: FloatArray, velocities: FloatArray | None = None
-    ) -> NDArray[np.float32]:
+    def ground(self, poses: FloatArray, velocities: FloatArray | None = None) -> Float32Array:
         """Return the mean gray level of each pixel's footprint, shape (m, pixels).
 
         Args:
@@ -117,14 +114,14 @@ class LineCamera:
             return self._integrate(poses)
         return self._blurred(poses, velocities)
 
-    def _integrate(self, poses: FloatArray) -> NDArray[np.float32]:
+    def _integrate(self, poses: FloatArray) -> Float32Array:
         view, wider = self._seen, self._configuration.widening(self.rise)
         footprints = self.footprints(poses)
         return integrate_lines(
             self._texture, footprints, view.length * wider, view.width * wider, view.pixels
         )
 
-    def _blurred(self, poses: FloatArray, velocities: FloatArray) -> NDArray[np.float32]:
+    def _blurred(self, poses: FloatArray, velocities: FloatArray) -> Float32Array:
         """Return the result of `ground`, averaged over the motion during the exposure."""
         exposure_time = self._configuration.exposure_time
         footprints = self.footprints(poses)
@@ -157,7 +154,7 @@ class LineCamera:
         """
         return self.develop(self.ground(poses, velocities), first_line)
 
-    def develop(self, ground: NDArray[np.float32], first_line: int) -> Lines:
+    def develop(self, ground: Float32Array, first_line: int) -> Lines:
         """Apply optics, shadow, pixel faults and noise; return 8-bit or 16-bit lines.
 
         Args:

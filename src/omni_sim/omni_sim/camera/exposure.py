@@ -13,9 +13,9 @@ import math
 import statistics
 
 import numpy as np
-from numpy.typing import NDArray
 
 from omni_platform.kernels import njit
+from omni_platform.quantities import Float32Array
 from omni_platform.signals import Lines
 from omni_sim.camera.configuration import FULL_SCALE, CameraConfiguration
 
@@ -34,7 +34,7 @@ def noise_key(seed: np.random.SeedSequence, name: str) -> np.uint64:
 
 
 def expose(
-    grays: NDArray[np.float32], camera: CameraConfiguration, key: np.uint64, first_line: int
+    grays: Float32Array, camera: CameraConfiguration, key: np.uint64, first_line: int
 ) -> Lines:
     """Return ``gain gray + offset + noise``, rounded and clipped, shape (m, pixels).
 
@@ -55,7 +55,7 @@ def expose(
 
 
 @functools.lru_cache(maxsize=16)
-def _quantiles(deviation: float) -> NDArray[np.float32]:
+def _quantiles(deviation: float) -> Float32Array:
     """Return a table of normal quantiles; the noise of a pixel is the sum of two of them.
 
     Args:
@@ -75,9 +75,9 @@ def _quantiles(deviation: float) -> NDArray[np.float32]:
 
 @njit(cache=True, nogil=True)
 def _expose(
-    grays: NDArray[np.float32],
-    response: NDArray[np.float32],
-    table: NDArray[np.float32],
+    grays: Float32Array,
+    response: Float32Array,
+    table: Float32Array,
     key: np.uint64,
     first_line: np.uint64,
     lines: Lines,

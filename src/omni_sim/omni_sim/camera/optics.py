@@ -4,10 +4,9 @@ import dataclasses
 from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
 from omni_platform.configuration import ConfigurationError
-from omni_platform.quantities import FloatArray
+from omni_platform.quantities import Float32Array, FloatArray, IntArray
 from omni_platform.sensors import LineSensor
 from omni_sim.camera.configuration import FULL_SCALE, CameraConfiguration
 
@@ -46,7 +45,7 @@ def check_exposure(sensors: Mapping[str, LineSensor], configuration: CameraConfi
 
 def transmission(
     sensor: LineSensor, configuration: CameraConfiguration, key: np.uint64
-) -> NDArray[np.float32] | None:
+) -> Float32Array | None:
     """Return the factor by which optics and pixel gain scale the light on each pixel.
 
     The loss due to shading is proportional to the squared distance from the middle. Specks of dirt
@@ -88,8 +87,8 @@ class PixelFaults:
             mud and at a stuck pixel.
     """
 
-    offset: NDArray[np.float32]
-    sight: NDArray[np.float32]
+    offset: Float32Array
+    sight: Float32Array
 
 
 def pixel_faults(
@@ -122,12 +121,12 @@ def pixel_faults(
 
 
 def shade(
-    grays: NDArray[np.float32],
+    grays: Float32Array,
     sensor: LineSensor,
     configuration: CameraConfiguration,
     first_line: int,
     penumbra: float = 0.002,
-) -> NDArray[np.float32]:
+) -> Float32Array:
     """Return lines with a shadow, whose soft edge is fixed or moves back and forth along the line.
 
     Args:
@@ -163,7 +162,7 @@ def _pattern(key: np.uint64, number: int) -> np.random.Generator:
 
 def blur_samples(
     sensor: LineSensor, exposure_time: float, headings: FloatArray, velocities: FloatArray
-) -> NDArray[np.int64]:
+) -> IntArray:
     """Return the number of instants at which the exposure of each line is rendered, shape (m,).
 
     Between two instants, the footprint moves by at most a quarter of a pixel along its axis and a

@@ -11,10 +11,9 @@ import math
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from omni_platform.kernels import njit
-from omni_platform.quantities import Float32Array
+from omni_platform.quantities import Float32Array, FloatArray, IntArray
 
 
 class Pattern(Protocol):
@@ -113,7 +112,7 @@ class Leaves:
         softness: width of the transition at the edge [periods].
     """
 
-    leaves: NDArray[np.float64]
+    leaves: FloatArray
     softness: float
 
     def draw(self, band: Float32Array, first_row: int) -> None:
@@ -233,7 +232,7 @@ class Studs:
         band[:] = tops + (self.groove_gray - tops) * level + self.glare * math.sqrt(0.5) * lit
 
 
-def _places(texels: int, nodes: int) -> tuple[NDArray[np.int64], Float32Array]:
+def _places(texels: int, nodes: int) -> tuple[IntArray, Float32Array]:
     """Return for each texel the lattice node before it, and the weight of the next node [1].
 
     Args:
@@ -301,9 +300,9 @@ def _voronoi(
 def _add_noise(
     band: Float32Array,
     lattice: Float32Array,
-    row_node: NDArray[np.int64],
+    row_node: IntArray,
     row_blend: Float32Array,
-    column_node: NDArray[np.int64],
+    column_node: IntArray,
     column_blend: Float32Array,
 ) -> None:
     rows, cells = lattice.shape
@@ -342,9 +341,7 @@ def _bent(band: Float32Array, first_row: int, profile: Float32Array, shift: Floa
 
 
 @njit(cache=True, nogil=True)
-def _dead_leaves(
-    band: Float32Array, first_row: int, leaves: NDArray[np.float64], softness: float
-) -> None:
+def _dead_leaves(band: Float32Array, first_row: int, leaves: FloatArray, softness: float) -> None:
     texels = band.shape[1]
     rows = len(band)
     for leaf in range(len(leaves)):

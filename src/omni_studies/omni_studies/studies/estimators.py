@@ -17,13 +17,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from linescan_odometry.configuration import METHODS
 from omni_figures import style
 from omni_loop.metrics import Metric
 from omni_platform.configuration import Configuration, parameter
-from omni_platform.quantities import FloatArray
+from omni_platform.quantities import Float32Array, FloatArray
 from omni_sim.camera.camera import CameraConfiguration
 from omni_sim.texture.texture import GroundTexture
 from omni_studies.line_trials import integrity_trials as trials
@@ -47,7 +46,7 @@ _FINE = 8  # ground samples per pixel of the patch, in each direction
 _SMOOTH, _ROUNDS = 0.8, 5  # Lucas-Kanade: standard deviation of the Gaussian [px], iterations
 _SPANNED = 24.0  # limit on the displacement up to which first and last frame are compared [px]
 
-Frame = NDArray[np.float32]
+Frame = Float32Array
 
 
 class Scene(NamedTuple):

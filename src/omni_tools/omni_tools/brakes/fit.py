@@ -29,13 +29,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from omni_figures import style
 from omni_platform.configuration import WorkError
 from omni_platform.geometry import PlatformGeometry, cross, turned
 from omni_platform.kinematics import PlatformKinematics
-from omni_platform.quantities import FloatArray, IntArray
+from omni_platform.quantities import BoolArray, FloatArray, IntArray
 from omni_sim.vehicle import configuration, loads
 from omni_tools.brakes.data import BrakeData, BrakeDataError
 
@@ -181,7 +180,7 @@ def mean_shares(stop: StopEquations, dead_time: float, time_constant: float) -> 
     return np.asarray(stop.data.command[0] + rise / stop.step[:, np.newaxis])
 
 
-def _commanded(stop: StopEquations) -> NDArray[np.bool_]:
+def _commanded(stop: StopEquations) -> BoolArray:
     """Return whether the torque command of any brake is positive in each interval, shape (K,)."""
     row = np.searchsorted(stop.data.command_time, stop.time, side="right") - 1
     return np.asarray(np.any(stop.data.command[np.maximum(row, 0)] > 0.0, axis=1) & (row >= 0))

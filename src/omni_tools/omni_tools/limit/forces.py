@@ -21,11 +21,10 @@ from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from omni_platform.geometry import cross
 from omni_platform.kinematics import PlatformKinematics
-from omni_platform.quantities import FloatArray
+from omni_platform.quantities import BoolArray, FloatArray
 from omni_sim.tire.model import curve_at
 from omni_sim.vehicle import configuration, loads
 
@@ -314,7 +313,7 @@ class LimitVehicle:
         return Deceleration(bound, -float(found.fun) / max(1.0, share), force, load)
 
     def _friction_rows(
-        self, friction: FloatArray, chosen: NDArray[np.bool_]
+        self, friction: FloatArray, chosen: BoolArray
     ) -> tuple[FloatArray, FloatArray]:
         """Return rows and right-hand sides of ``|f_i| <= mu_i (slope N_i + offset)``.
 

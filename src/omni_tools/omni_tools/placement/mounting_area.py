@@ -11,11 +11,10 @@ import itertools
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from omni_figures.scene import Scene, placed, rectangle
 from omni_platform.geometry import PlatformGeometry
-from omni_platform.quantities import BoolArray, FloatArray
+from omni_platform.quantities import BoolArray, FloatArray, IntArray
 from omni_platform.sensors import LineSensor
 from omni_tools.line_trials.rig import View
 
@@ -62,7 +61,7 @@ class MountingArea:
         extent_y = np.abs(poses[..., 1]) + sine * half_length + cosine * half_width
         return np.asarray((extent_x <= limit[0]) & (extent_y <= limit[1]))
 
-    def wheel_in_the_way(self, poses: FloatArray) -> NDArray[np.int64]:
+    def wheel_in_the_way(self, poses: FloatArray) -> IntArray:
         """Return, for each pose, the index of a wheel too close to the camera; -1 without one."""
         found = np.full(poses.shape[:-1], -1, np.int64)
         for index, (wheel, half) in enumerate(self._wheels):

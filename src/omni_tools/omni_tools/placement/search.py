@@ -19,9 +19,8 @@ from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from omni_platform.quantities import FloatArray
+from omni_platform.quantities import BoolArray, FloatArray
 from omni_tools.placement.error import Criterion
 from omni_tools.placement.mounting_area import MountingArea
 
@@ -353,9 +352,9 @@ class _Search:
         places = places[self._fits(unit, places)]
         return places, self._criterion.information(unit.poses(places))
 
-    def _fits(self, unit: _Unit, places: FloatArray) -> NDArray[np.bool_]:
+    def _fits(self, unit: _Unit, places: FloatArray) -> BoolArray:
         poses = unit.poses(places)
-        fit: NDArray[np.bool_] = np.all(self._area.fits(poses), axis=-1)
+        fit: BoolArray = np.all(self._area.fits(poses), axis=-1)
         if len(unit.images) > 1:
             fit &= self._area.apart(poses[..., 0, :], poses[..., 1, :])
         return fit

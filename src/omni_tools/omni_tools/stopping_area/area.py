@@ -23,13 +23,12 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from omni_figures.scene import rectangle
 from omni_loop import compiled, experiment
 from omni_platform.configuration import ConfigurationError
 from omni_platform.geometry import PlatformGeometry, turned
-from omni_platform.quantities import SECOND_NS, FloatArray
+from omni_platform.quantities import SECOND_NS, BoolArray, FloatArray
 from omni_sim.driver.scripted import ManeuverConfiguration
 from omni_sim.vehicle.configuration import VehicleConfiguration
 from omni_tools.campaign.runner import digest
@@ -237,9 +236,7 @@ def areas(campaign: StopCampaign, sweeps: Sequence[Sweep]) -> FloatArray:
     return np.asarray(hull + np.maximum(growth, 0.0)[:, None])
 
 
-def inside(
-    campaign: StopCampaign, limits: FloatArray, sweeps: Sequence[Sweep]
-) -> NDArray[np.bool_]:
+def inside(campaign: StopCampaign, limits: FloatArray, sweeps: Sequence[Sweep]) -> BoolArray:
     """Return whether each stop stays within the area of its cell, shape (stops,).
 
     Args:

@@ -12,11 +12,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from omni_figures import style
 from omni_platform.configuration import ConfigurationError, WorkError, from_mapping
-from omni_platform.quantities import FloatArray
+from omni_platform.quantities import BoolArray, FloatArray
 from omni_sim.tire.model import LARGEST_FORCE, LOAD_RANGE, FitRecipe, Landmarks
 from omni_sim.tire.models import MODELS
 from omni_sim.tire.tire import Tire, TireConfiguration, steady_forces
@@ -47,7 +46,7 @@ class TireFit(NamedTuple):
     keys: tuple[str, ...]
     values: FloatArray
     standard_errors: FloatArray
-    at_bound: NDArray[np.bool_]
+    at_bound: BoolArray
     residual: float
     mapping: dict[str, Any]
 
@@ -173,7 +172,7 @@ def _landmarks(data: TireData, largest_load: float) -> Landmarks:
     return Landmarks(load, at[0] * load, at[1] * load, at[2])
 
 
-def _slope_and_peak(data: TireData, rows: NDArray[np.bool_]) -> tuple[float, float, float, float]:
+def _slope_and_peak(data: TireData, rows: BoolArray) -> tuple[float, float, float, float]:
     """Return mean load [N], slope and peak of force / load [1], and slip at the peak [1]."""
     slip, share = np.abs(data.slip[rows]), np.abs(data.force[rows]) / data.load[rows]
     order = np.argsort(slip, kind="stable")
@@ -211,7 +210,7 @@ def _require_peak(data: TireData, configuration: TireConfiguration) -> None:
         )
 
 
-def _at_bound(unknowns: FloatArray, recipe: FitRecipe) -> NDArray[np.bool_]:
+def _at_bound(unknowns: FloatArray, recipe: FitRecipe) -> BoolArray:
     lower, upper = np.array(recipe.lower), np.array(recipe.upper)
     margin = 1e-4 * np.maximum(np.abs(unknowns), 1e-9)
     return np.asarray((unknowns - lower < margin) | (upper - unknowns < margin))
@@ -220,7 +219,7 @@ def _at_bound(unknowns: FloatArray, recipe: FitRecipe) -> NDArray[np.bool_]:
 def _standard_errors(
     unknowns: FloatArray,
     jacobian: FloatArray,
-    at_bound: NDArray[np.bool_],
+    at_bound: BoolArray,
     residual: float,
     recipe: FitRecipe,
     largest_load: float,
