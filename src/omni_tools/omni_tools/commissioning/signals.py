@@ -116,13 +116,7 @@ def signals_of(
     time = np.arange(states.stamp_ns[0], states.stamp_ns[-1], round(period * 1e9))
 
     def sampled(topic: str, rows: Any, columns: int) -> quantities.FloatArray:
-        stamps = streams[topic].stamp_ns
-        if not len(stamps):
-            return np.full((len(time), columns), math.nan)
-        newest = np.searchsorted(stamps, time, side="right") - 1
-        values = np.array(rows, np.float64).reshape(len(stamps), columns)
-        usable = (newest >= 0)[:, np.newaxis] & (np.abs(values[newest]) < _LARGEST)
-        return np.where(usable, values[newest], math.nan)
+        return _newest_values(time, streams[topic].stamp_ns, rows, columns)
 
     speeds = _by_wheel(states, "velocity", wheels)
     speeds[~(np.abs(speeds) < _LARGEST)] = math.nan
@@ -156,6 +150,25 @@ def signals_of(
         upwards=float(np.median(upwards or math.nan)),
         inverse_pedal=inverse,
     )
+
+
+def _newest_values(
+    time: quantities.IntArray, stamps: quantities.IntArray, rows: Any, columns: int
+) -> quantities.FloatArray:
+    """Return the newest row at each time, shape (T, columns); NaN without a usable value.
+
+    Args:
+        time: times [ns], shape (T,).
+        stamps: stamps of the rows [ns], shape (m,).
+        rows: values of m messages.
+        columns: number of values of a message.
+    """
+    if not len(stamps):
+        return np.full((len(time), columns), math.nan)
+    newest = np.searchsorted(stamps, time, side="right") - 1
+    values = np.array(rows, np.float64).reshape(len(stamps), columns)
+    usable = (newest >= 0)[:, np.newaxis] & (np.abs(values[newest]) < _LARGEST)
+    return np.where(usable, values[newest], math.nan)
 
 
 def _check_completeness(states: Stream, wheels: Sequence[str]) -> None:
