@@ -279,8 +279,9 @@ def _hypotheses(
     of_place, of_speed = linear_sum_assignment(cost)
     places = dict(zip(of_speed, of_place, strict=True))
     moved = " and ".join(name for row, name in enumerate(names) if places[row] != row)
-    order = {name: mounts[places[row]] for row, name in enumerate(names)}
-    yield Mistake(f"wheels {moved} are exchanged", "exchange their encoders or names", order)
+    if moved:
+        order = {name: mounts[places[row]] for row, name in enumerate(names)}
+        yield Mistake(f"wheels {moved} are exchanged", "exchange their encoders or names", order)
     scale = _scale(wheels, angle, known)
     for row, (name, mount) in enumerate(wheels.items()):
         for part, remedy, changed in _changes(mount, float(scale[row])):
