@@ -19,10 +19,7 @@ from omni_platform.configuration import Configuration, declared_parameters, with
 MOST_MODULES = 15  # side by side in a folder, apart from what makes a node of a package
 PLUG_INS = {"omni_studies/studies", "omni_bringup/commands"}  # a file each, found by its name
 # Folders that import each other.
-FOLDER_CIRCLES = {
-    "linescan_odometry.configuration": {"linescan_odometry.sideslip"},
-    "omni_sim.tire": {"omni_sim.tire.models"},
-}
+FOLDER_CIRCLES = {"omni_sim.tire": {"omni_sim.tire.models"}}
 # Packages whose modules may use ROS, in addition to the nodes.
 OF_ROS = {"omni_ros", "omni_recording", "omni_bringup"}
 OF_LAUNCH = {"omni_bringup.launching"}  # needs the launch package, which not every machine has

@@ -1,10 +1,10 @@
 """Parameters of the line-scan odometry."""
 
+import math
 from collections.abc import Mapping
 
 from linescan_odometry.matching.search import METRICS
 from linescan_odometry.matching.subpixel import FEWEST_PIXELS
-from linescan_odometry.sideslip.angle import SideslipWheel, check_axis
 from linescan_odometry.twist.kinematics import KinematicsConfiguration
 from linescan_odometry.twist.least_squares import check_placement
 from omni_platform.configuration import (
@@ -14,10 +14,44 @@ from omni_platform.configuration import (
     parameter,
     section,
 )
+from omni_platform.quantities import LARGEST_OFFSET
 from omni_platform.sensors import FlowSensor, LineSensor, Mount
 
 METHODS = ("joint", "pairs")
 """Names of the methods that estimate displacements."""
+
+_SKEWEST = 30.0  # deg; limit on the angle between camera axis and axis of rotation
+_ROUNDING = 1e-6  # deg; error of this angle due to rounding of sine and arcsine
+
+
+class SideslipWheel(Configuration):
+    """Position, direction and camera of a wheel whose sideslip angle is measured."""
+
+    sensor: str = parameter()
+    """Line camera next to the wheel, parallel to the wheel's axis of rotation within 30 deg"""
+    x: float = parameter(unit="m", minimum=-LARGEST_OFFSET, maximum=LARGEST_OFFSET)
+    """Position of the wheel contact, forward of base_link"""
+    y: float = parameter(unit="m", minimum=-LARGEST_OFFSET, maximum=LARGEST_OFFSET)
+    """Position of the wheel contact, to the left of base_link"""
+    steering_deg: float = parameter(0.0, unit="deg", minimum=-180.0, maximum=180.0)
+    """Rolling direction, counter-clockwise from the forward direction"""
+    minimum_speed: float = parameter(0.5, unit="m/s", above=0.0, maximum=100.0)
+    """Speed of the wheel along its rolling direction below which the angle is undefined"""
+
+    def check_axis(self, sensor: LineSensor) -> None:
+        """Check that the camera's axis is nearly parallel to the wheel's axis of rotation.
+
+        Raises:
+            ConfigurationError: the angle between both axes is too large.
+        """
+        along = math.cos(sensor.heading - math.radians(self.steering_deg))
+        skew = math.degrees(math.asin(min(1.0, abs(along))))
+        if skew > _SKEWEST + _ROUNDING:
+            raise ConfigurationError(
+                "sensor",
+                f"the axis of {self.sensor} is {skew:.1f} deg from the wheel's axis of rotation; "
+                f"it must be parallel within {_SKEWEST:g} deg",
+            )
 
 
 class OdometryConfiguration(Configuration):
@@ -148,6 +182,6 @@ class OdometryConfiguration(Configuration):
         for name, wheel in self.sideslip.items():
             check_choice(f"sideslip.{name}.sensor", wheel.sensor, self.sensors)
             try:
-                check_axis(wheel, self.sensors[wheel.sensor])
+                wheel.check_axis(self.sensors[wheel.sensor])
             except ConfigurationError as error:
                 raise error.below(f"sideslip.{name}") from None

@@ -34,28 +34,10 @@ import math
 
 import numpy as np
 
+from linescan_odometry.configuration import SideslipWheel
 from linescan_odometry.measurements import SensorReading, TwistEstimate
-from omni_platform.configuration import Configuration, ConfigurationError, parameter
-from omni_platform.quantities import LARGEST_OFFSET, FloatArray
+from omni_platform.quantities import FloatArray
 from omni_platform.sensors import LineSensor, velocity_row
-
-_SKEWEST = 30.0  # deg; limit on the angle between camera axis and axis of rotation
-_ROUNDING = 1e-6  # deg; error of this angle due to rounding of sine and arcsine
-
-
-class SideslipWheel(Configuration):
-    """Position, direction and camera of a wheel whose sideslip angle is measured."""
-
-    sensor: str = parameter()
-    """Line camera next to the wheel, parallel to the wheel's axis of rotation within 30 deg"""
-    x: float = parameter(unit="m", minimum=-LARGEST_OFFSET, maximum=LARGEST_OFFSET)
-    """Position of the wheel contact, forward of base_link"""
-    y: float = parameter(unit="m", minimum=-LARGEST_OFFSET, maximum=LARGEST_OFFSET)
-    """Position of the wheel contact, to the left of base_link"""
-    steering_deg: float = parameter(0.0, unit="deg", minimum=-180.0, maximum=180.0)
-    """Rolling direction, counter-clockwise from the forward direction"""
-    minimum_speed: float = parameter(0.5, unit="m/s", above=0.0, maximum=100.0)
-    """Speed of the wheel along its rolling direction below which the angle is undefined"""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -104,7 +86,7 @@ class WheelSideslip:
         Raises:
             ConfigurationError: the camera's axis is more than 30 deg from the axis of rotation.
         """
-        check_axis(wheel, sensor)
+        wheel.check_axis(sensor)
         self._wheel = wheel
         direction = math.radians(wheel.steering_deg)
         self._along = math.cos(sensor.heading - direction)
@@ -176,19 +158,3 @@ class WheelSideslip:
         rows[2, 3] = 1.0
         forward = float(self._forward_row @ estimate.twist)
         return self.measure(reading, forward, float(estimate.twist[2]), rows @ joint @ rows.T)
-
-
-def check_axis(wheel: SideslipWheel, sensor: LineSensor) -> None:
-    """Check that the camera's axis is nearly parallel to the wheel's axis of rotation.
-
-    Raises:
-        ConfigurationError: the angle between both axes is too large.
-    """
-    along = math.cos(sensor.heading - math.radians(wheel.steering_deg))
-    skew = math.degrees(math.asin(min(1.0, abs(along))))
-    if skew > _SKEWEST + _ROUNDING:
-        raise ConfigurationError(
-            "sensor",
-            f"the axis of {wheel.sensor} is {skew:.1f} deg from the wheel's axis of rotation; it "
-            f"must be parallel within {_SKEWEST:g} deg",
-        )

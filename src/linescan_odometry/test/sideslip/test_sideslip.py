@@ -10,9 +10,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from linescan_odometry.configuration import SideslipWheel
 from linescan_odometry.measurements import SensorReading, TwistEstimate
 from linescan_odometry.odometry import LineScanOdometry, OdometryConfiguration
-from linescan_odometry.sideslip.angle import SideslipWheel, WheelSideslip, sideslip_angle
+from linescan_odometry.sideslip.angle import WheelSideslip, sideslip_angle
 from linescan_odometry.sideslip.meter import (
     SideslipConfiguration,
     SideslipMeter,

@@ -15,7 +15,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FormatStrFormatter
 
-from linescan_odometry.sideslip.angle import SideslipWheel
+from linescan_odometry.configuration import SideslipWheel
 from linescan_odometry.sideslip.meter import SideslipConfiguration, SideslipMeter
 from omni_figures import style
 from omni_loop.experiment import ExperimentLibrary
