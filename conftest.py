@@ -9,7 +9,9 @@ from __future__ import annotations
 import functools
 import json
 import math
+import os
 from collections import defaultdict
+from collections.abc import Generator
 from pathlib import Path
 
 import hypothesis
@@ -20,7 +22,7 @@ from omni_ros.start import start_lightly
 ROOT = Path(__file__).parent
 SOURCES = ROOT / "src"
 DURATIONS = ROOT / "tests" / "durations.json"
-"""File with the durations [s] of the test files that take a second or more.
+"""File with the CPU times [s] of the test files that take a second or more.
 
 ``./omni test --store-durations`` writes this file."""
 
@@ -33,17 +35,14 @@ hypothesis.settings.load_profile("any_duration")
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     """Add the option that measures the durations of the test files."""
-    words = f"write how long the files of tests take to {DURATIONS.relative_to(ROOT)}"
+    words = f"measure the CPU times of the tests; write {DURATIONS.relative_to(ROOT)}"
     parser.addoption("--store-durations", action="store_true", help=words)
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Speed up imports, and measure the durations of the test files if this is requested.
-
-    With several workers, only the process that receives all results measures.
-    """
+    """Speed up imports, and measure the tests if this is requested."""
     start_lightly()
-    if config.getoption("--store-durations") and not hasattr(config, "workerinput"):
+    if config.getoption("--store-durations"):
         config.pluginmanager.register(_Stopwatch())
 
 
@@ -72,17 +71,37 @@ def _durations() -> dict[Path, int]:
 
 
 class _Stopwatch:
+    """Measures CPU time: a test takes longer by the clock while others compute beside it."""
+
     def __init__(self) -> None:
         self._seconds: defaultdict[str, float] = defaultdict(float)
+        self._begun = 0.0
+
+    def pytest_runtest_logstart(self) -> None:
+        self._begun = _cpu_time()
+
+    @pytest.hookimpl(wrapper=True)
+    def pytest_runtest_makereport(self) -> Generator[None, pytest.TestReport, pytest.TestReport]:
+        report = yield
+        now = _cpu_time()
+        report.duration, self._begun = now - self._begun, now
+        return report
 
     def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
         self._seconds[report.location[0]] += report.duration
 
-    def pytest_sessionfinish(self) -> None:
+    def pytest_sessionfinish(self, session: pytest.Session) -> None:
+        if hasattr(session.config, "workerinput"):
+            return  # the process that receives all results writes them
         known = json.loads(DURATIONS.read_text())
-        known = {**known, **{file: int(seconds) for file, seconds in self._seconds.items()}}
-        slow = {file: known[file] for file in sorted(known) if known[file]}
+        known |= {file: int(seconds) for file, seconds in self._seconds.items()}
+        slow = {f: s for f, s in sorted(known.items()) if s and (ROOT / f).exists()}
         DURATIONS.write_text(json.dumps(slow, indent=1) + "\n")
+
+
+def _cpu_time() -> float:
+    """Return the CPU time [s] of this process and of its children that have ended."""
+    return sum(os.times()[:4])
 
 
 @pytest.fixture
