@@ -18,11 +18,10 @@ from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
+import scipy
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from scipy.signal import find_peaks
 from scipy.spatial import distance
-from scipy.stats import rankdata
 
 from omni_figures import style
 from omni_loop.metrics import Metric
@@ -51,7 +50,7 @@ _PROMINENCE = 0.1  # lower limit on the depth of a minimum, as a share of the cu
 
 _DISTANCES: Mapping[str, Callable[[FloatArray, FloatArray], float]] = {
     "pearson": distance.correlation,  # Eq. (81)
-    "spearman": lambda x, y: float(distance.correlation(rankdata(x), rankdata(y))),
+    "spearman": lambda x, y: float(distance.correlation(*map(scipy.stats.rankdata, (x, y)))),
     "cosine": distance.cosine,  # Eq. (83)
     "euclidean": lambda x, y: float(distance.euclidean(x, y)) / len(x),  # Eq. (79)
     "squared_euclidean": lambda x, y: float(distance.sqeuclidean(x, y)) / len(x),
@@ -84,7 +83,7 @@ class Curve:
         """Number of minima whose depth is at least a tenth of the range of the curve's values."""
         prominence = _PROMINENCE * float(np.ptp(self.distance))
         padded = np.pad(-self.distance, 1, mode="minimum")  # the ends can be minima too
-        return len(find_peaks(padded, prominence=prominence)[0])
+        return len(scipy.signal.find_peaks(padded, prominence=prominence)[0])
 
     @property
     def width(self) -> float:

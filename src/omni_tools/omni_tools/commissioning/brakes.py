@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
-from scipy.signal import lfilter
+import scipy
 
 from omni_platform.brakes import ON_OFF, VELOCITY, BrakeConfiguration
 from omni_platform.geometry import WheelMount
@@ -176,7 +176,8 @@ def _acting(demand: FloatArray, period: float, brake: BrakeConfiguration) -> Flo
         for row in range(applied, max(applied, released) + 1)
     ]
     left = math.exp(-period / brake.time_constant) if brake.time_constant > 0.0 else 0.0
-    return np.asarray(lfilter([1.0 - left], [1.0, -left], np.max(later, axis=0), axis=0))
+    lagged = scipy.signal.lfilter([1.0 - left], [1.0, -left], np.max(later, axis=0), axis=0)
+    return np.asarray(lagged)
 
 
 def _late(response: Response) -> int:
