@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import io
 import os
 import signal
 import subprocess
@@ -10,6 +11,9 @@ import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
+from unittest import mock
+
+from omni_bringup.cli import main
 
 WORKSPACE = Path(__file__).resolve().parents[1]
 RUN_TIMEOUT = 240.0  # [s] a run takes seconds; this only ends one that hangs
@@ -35,6 +39,18 @@ def omni(arguments: Sequence[str]) -> subprocess.CompletedProcess[str]:
         check=False,
         env=omni_environment(),
     )
+
+
+def omni_here(arguments: Sequence[str]) -> subprocess.CompletedProcess[str]:
+    """Run a command in this process, which has imported its modules already."""
+    out, errors = io.StringIO(), io.StringIO()
+    workspace = mock.patch.dict(os.environ, {"OMNI_WORKSPACE": str(WORKSPACE)})
+    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(errors), workspace:
+        try:
+            main(list(arguments))
+        except SystemExit as ended:
+            code = int(ended.code or 0)
+    return subprocess.CompletedProcess(arguments, code, out.getvalue(), errors.getvalue())
 
 
 @contextlib.contextmanager

@@ -12,6 +12,7 @@ from pathlib import Path
 from omni_process import (
     RUN_TIMEOUT,
     WORKSPACE,
+    node_processes,
     omni,
     omni_command,
     omni_environment,
@@ -77,6 +78,9 @@ def test_a_killed_recording_is_recovered_replayed_and_reported(tmp_path: Path) -
         process.wait()
     assert process.returncode == 1
     assert "recorder ended (signal 9)" in words
+    assert f"what was recorded is in {folder}" in words
+    assert ".mcap is incomplete" in words
+    wait_until(lambda: not node_processes(process.pid))
     recovered = omni(["bag", "recover", str(bag), "--json"])
     assert recovered.returncode == 0, recovered.stderr
     metrics = json.loads(recovered.stdout)["metrics"]
