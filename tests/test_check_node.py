@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 from bystander import Bystander
-from omni_process import omni_command, omni_environment
+from omni_process import omni, omni_command, omni_environment, omni_here
 from rclpy.duration import Duration
 from rclpy.serialization import serialize_message
 
@@ -89,8 +89,7 @@ def check(*words: str) -> tuple[int, dict[str, Any]]:
 def parameters(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("parameters")
     configuration = ROOT / "bags" / "small_stop" / "assisted" / "configuration.yaml"
-    command = omni_command(["ros-params", str(configuration), "--out", str(folder)])
-    subprocess.run(command, env=omni_environment(), check=True, capture_output=True)
+    assert omni_here(["ros-params", str(configuration), "--out", str(folder)]).returncode == 0
     return folder
 
 
@@ -167,14 +166,7 @@ def test_a_twist_of_another_message_type_is_refused(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("command", ["no-such-program", "sh -c 'unclosed"])
 def test_a_command_that_cannot_start_is_refused(command: str) -> None:
-    finished = subprocess.run(
-        omni_command(["check-node", "brake_assist", "--start", command]),
-        env=omni_environment(),
-        capture_output=True,
-        text=True,
-        timeout=60.0,
-        check=False,
-    )
+    finished = omni(["check-node", "brake_assist", "--start", command])
     assert finished.returncode == 2
     assert "--start: cannot start" in finished.stderr
 
@@ -228,11 +220,12 @@ class BusyPartner(Partner):
         super().__init__(domain)
         self.simulator = simulator
         self.ticks: list[Any] = []
-        kind = message_class(topics.CLOCK.type)
-        self.node.create_subscription(kind, topics.CLOCK.path, self.ticks.append, RELIABLE)
 
     def spin(self, until: float) -> None:
         if not self.ticks:
+            # The last subscription: waiting messages of all others are taken before its own.
+            kind = message_class(topics.CLOCK.type)
+            self.node.create_subscription(kind, topics.CLOCK.path, self.ticks.append, RELIABLE)
             self.simulator.drive(self.steps)
         while len(self.ticks) < 2 * self.steps:  # one message of each topic at a time
             super().spin(time.monotonic() + 0.01)
