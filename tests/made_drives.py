@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 from collections.abc import Callable
 from pathlib import Path
 
@@ -28,8 +29,12 @@ Wheels = dict[str, WheelMount]
 DIRECT = BrakeConfiguration()
 
 
+@functools.cache
 def drive(vehicle: str, *changes: str) -> tuple[Wheels, Signals, tuple[float, float]]:
-    """Drive a simulated vehicle; return its wheels, the signals, and distance and angle."""
+    """Drive a simulated vehicle; return its wheels, the signals, and distance and angle.
+
+    The values are shared by all tests of a process: a test changes copies of them.
+    """
     plain = ["feedback=velocity_sensor", "simulation.render_lines=false"]
     configuration = ExperimentLibrary(CONFIG).load(
         "commissioning", "assisted", [f"vehicle={vehicle}", *plain, *changes]
