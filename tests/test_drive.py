@@ -18,7 +18,7 @@ import pytest
 from bystander import Bystander
 from geometry_msgs.msg import TwistStamped
 from nav_msgs.msg import Odometry
-from omni_process import drive_process, omni, processes_of
+from omni_process import drive_process, omni_here, processes_of
 from rcl_interfaces.srv import DescribeParameters, ListParameters
 from rosbags.highlevel import AnyReader
 from sensor_msgs.msg import JointState
@@ -303,14 +303,14 @@ def test_a_driver_who_hangs_brakes_and_one_who_dies_ends_the_drive(
     ],
 )
 def test_a_place_that_cannot_be_served_is_refused(words: list[str], problem: str) -> None:
-    finished = omni(["drive", *words])
+    finished = omni_here(["drive", *words])
     assert finished.returncode == 2
     assert problem in finished.stderr
     assert len(finished.stderr.splitlines()) == 1
 
 
 def test_what_cannot_be_driven_is_refused() -> None:
-    finished = omni(["drive", "--vehicle", "mecanum_forklif"])
+    finished = omni_here(["drive", "--vehicle", "mecanum_forklif"])
     assert finished.returncode == 2
     assert "did you mean 'mecanum_forklift'" in finished.stderr
     assert not finished.stdout

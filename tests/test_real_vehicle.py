@@ -18,7 +18,7 @@ import yaml
 from bystander import Bystander, node_process
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import TwistWithCovarianceStamped
-from omni_process import WORKSPACE, omni
+from omni_process import WORKSPACE, omni, omni_here
 from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import JointState
@@ -78,14 +78,14 @@ class StandIn(Bystander):
         self.twist.publish(planar_twist_with_covariance(stamp_ns, now, COVARIANCE))
 
 
-@pytest.fixture
-def parameters(tmp_path: Path) -> Path:
+@pytest.fixture(scope="module")
+def parameters(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The folder written by the first command of the page."""
     (first,) = [words for words in commands() if "ros-params" in words]
     assert first[:2] == ["./omni", "ros-params"]
     words = [str(WORKSPACE / w) if w.startswith("config/") else w for w in first[1:]]
-    folder = tmp_path / words[-1]
-    finished = omni([*words[:-1], str(folder)])
+    folder = tmp_path_factory.mktemp("page") / words[-1]
+    finished = omni_here([*words[:-1], str(folder)])
     assert finished.returncode == 0, finished.stderr
     written = ["brake_assist.yaml", "log_only.yaml", "recorder.yaml", "robot.urdf"]
     written += ["robot_state_publisher.yaml"]
@@ -180,7 +180,7 @@ def test_a_node_that_died_starts_again_and_a_refused_one_does_not() -> None:
 def test_nodes_of_any_name_start_with_the_files_of_every_example(
     example: Path, tmp_path: Path
 ) -> None:
-    finished = omni(["ros-params", str(example), "--out", str(tmp_path)])
+    finished = omni_here(["ros-params", str(example), "--out", str(tmp_path)])
     assert finished.returncode == 0, finished.stderr
     nodes = {
         "brake_assist": ("omni_brake_assist", "brake_assist", ["brake_assist", "log_only"]),
@@ -222,7 +222,7 @@ def test_what_does_not_describe_a_vehicle_is_refused_by_name(
 ) -> None:
     file = tmp_path / "vehicle.yaml"
     file.write_text(text)
-    finished = omni(["ros-params", str(file), "--out", str(tmp_path / "out")])
+    finished = omni_here(["ros-params", str(file), "--out", str(tmp_path / "out")])
     assert finished.returncode == 2
     assert words in finished.stderr
     assert len(finished.stderr.strip().splitlines()) == 1
@@ -235,11 +235,11 @@ def test_a_wrong_roller_sign_is_refused_unless_forced(tmp_path: Path) -> None:
     file.write_text(
         text.replace("y: -0.35, roller_angle_deg: -45", "y: -0.35, roller_angle_deg: 45")
     )
-    finished = omni(["ros-params", str(file), "--out", str(out)])
+    finished = omni_here(["ros-params", str(file), "--out", str(out)])
     assert finished.returncode == 2
     assert "wheels.rear_right.roller_angle_deg" in finished.stderr
     assert not out.exists()
-    assert omni(["ros-params", str(file), "--out", str(out), "--force"]).returncode == 0
+    assert omni_here(["ros-params", str(file), "--out", str(out), "--force"]).returncode == 0
     assert (out / "brake_assist.yaml").exists()
 
 
@@ -265,7 +265,7 @@ def test_a_source_that_does_harm_is_named_by_ros_params_the_node_and_doctor(tmp_
     harm = "wheel_twist_agv: with ideal, 50 ms late and sliding_mode, assistance does more harm"
     for source, words in (("otos", ""), ("late_50ms", harm)):
         known = ["--source", source, "--feedback", str(summary)]
-        finished = omni(["ros-params", example, "--out", str(out), *known])
+        finished = omni_here(["ros-params", example, "--out", str(out), *known])
         assert finished.returncode == 0, finished.stderr
         assert words in finished.stderr
         assert bool(words) == bool(finished.stderr)
@@ -286,10 +286,14 @@ def test_a_source_that_does_harm_is_named_by_ros_params_the_node_and_doctor(tmp_
     assert words in json.loads(finished.stdout)["checks"]["feedback"]["words"]
     own = tmp_path / "my_agv.yaml"
     own.write_text(Path(example).read_text())
-    finished = omni(["ros-params", str(own), "--out", str(out), *known[:1], "otos", *known[2:]])
+    finished = omni_here(
+        ["ros-params", str(own), "--out", str(out), *known[:1], "otos", *known[2:]]
+    )
     assert f"{summary} is about other, wheel_twist_agv, not about my_agv" in finished.stderr
     assert "other: with SparkFun OTOS" in finished.stderr
     for source, words in (("lidar", "--source: 'lidar' is not one of"), ("ideal", "has no ideal")):
-        refused = omni(["ros-params", example, "--out", str(out), *known[:1], source, *known[2:]])
+        refused = omni_here(
+            ["ros-params", example, "--out", str(out), *known[:1], source, *known[2:]]
+        )
         assert refused.returncode == 2
         assert words in refused.stderr

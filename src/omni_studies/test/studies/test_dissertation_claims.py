@@ -114,17 +114,3 @@ def test_study_leaves_figures_with_their_data(name: str, tmp_path: Path) -> None
     assert {claim.found.status for claim in result.claims} == {"met"}, list(map(str, result.claims))
     assert set(result.files) | {tmp_path / "summary.json"} == set(tmp_path.iterdir())
     assert {metric.unit for metric in result.metrics.values()} >= {"deg", "m", "s"}
-
-
-def test_table_2_study_writes_its_numbers(tmp_path: Path) -> None:
-    result = study("table2", tmp_path)
-    with (tmp_path / "metrics.csv").open() as stream:
-        rows = {row["case"]: row for row in csv.DictReader(stream)}
-    numbers = {name: m for name, m in result.metrics.items() if m.reference is not None}
-    assert len(numbers) == 10
-    for name, metric in numbers.items():
-        quantity, _, case = name.partition(".")
-        found = rows[case][f"{quantity} [{metric.unit}]"]
-        assert float(found) == pytest.approx(metric.value, rel=1e-5)
-    assert {claim.found.status for claim in result.claims} == {"met"}
-    assert set(result.files) | {tmp_path / "summary.json"} == set(tmp_path.iterdir())
