@@ -199,6 +199,7 @@ class FlowChips:
         self._matrix = sensor_matrix(
             {str(place): FlowSensor(x=place[0], y=place[1], heading_deg=0.0) for place in places}
         )
+        self._inverse = np.asarray(np.linalg.pinv(self._matrix), np.float64)
         self._scale = 1.0 + source.scale * np.repeat(random.standard_normal(source.chips), 2)
         self._phase = np.repeat(random.uniform(0.0, 1.0, source.chips), 2)
         self._path = random.uniform(0.0, 1.0, 2 * source.chips)  # [counts]
@@ -235,6 +236,5 @@ class FlowChips:
             return signals.TwistSample(newest_ns, np.zeros(3), _UNMEASURED)
         rounding = 1.0 / (source.counts * source.period * math.sqrt(6.0))  # at both ends
         deviation = math.hypot(rounding, source.relative * speed, source.scale * speed)
-        inverse = np.linalg.pinv(self._matrix)
-        covariance: quantities.FloatArray = deviation**2 * inverse @ inverse.T
-        return signals.TwistSample(newest_ns, inverse @ self._velocity, covariance)
+        covariance = deviation**2 * self._inverse @ self._inverse.T
+        return signals.TwistSample(newest_ns, self._inverse @ self._velocity, covariance)
