@@ -10,7 +10,7 @@ they should follow.
 
 import dataclasses
 import math
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -175,28 +175,47 @@ def _wheel_mistakes(
         for row, name in enumerate(names)
         if wrong[row]
     ]
-    angle = angle / np.where(wrong, np.maximum(ratio, 1e-9), 1.0)
-    scaled, described = _scale_errors(wheels, angle, known)
-    if np.max(_misfit(described, angle, known)) < _ALLOWED.misfit:
-        return found + scaled
+    angle, limit = angle / np.where(wrong, np.maximum(ratio, 1e-9), 1.0), _ALLOWED.misfit
     fits = [
-        (float(np.max(_misfit(mistake.wheels or wheels, angle, known))), mistake)
-        for mistake in _hypotheses(wheels, angle, known)
+        _explained(words, described, angle, known)
+        for words, described in _hypotheses(wheels, angle, known)
     ]
-    misfit, best = min(fits, key=lambda fit: fit[0])
-    if misfit < _ALLOWED.misfit:
-        return [*found, best]
+    explained = [(len(mistakes), misfit, mistakes) for misfit, mistakes in fits if misfit < limit]
+    if explained:
+        return found + min(explained, key=lambda one: one[:2])[2]
     unexplained = Mistake(
         "wheels: no single mistake of each wheel explains the wheel angles",
         "check distances and directions of the motions; then check each wheel on blocks",
     )
-    return found or _several(wheels, angle, known) or [unexplained]
+    return found or [unexplained]
+
+
+def _explained(
+    words: Sequence[tuple[str, str]],
+    described: Mapping[str, WheelMount],
+    angle: FloatArray,
+    known: FloatArray,
+) -> tuple[float, list[Mistake]]:
+    """Return the largest misfit of a hypothesis, and its mistakes with the errors of scale.
+
+    Args:
+        words: name and remedy of each mistake of the hypothesis.
+        described: wheels after correction of these mistakes.
+        angle: measured angles as in `_misfit`.
+        known: motions as in `_misfit`.
+    """
+    try:
+        scaled, final = _scale_errors(described, angle, known)
+    except configuration.ConfigurationError:  # wheels that no vehicle can have
+        return math.inf, []
+    mistakes = [Mistake(*pair, final) for pair in (*words, *scaled)]
+    return float(np.max(_misfit(final, angle, known))), mistakes
 
 
 def _scale_errors(
     wheels: Mapping[str, WheelMount], angle: FloatArray, known: FloatArray
-) -> tuple[list[Mistake], dict[str, WheelMount]]:
-    """Return the errors of radii and levers, and the wheels after their correction.
+) -> tuple[list[tuple[str, str]], dict[str, WheelMount]]:
+    """Return the errors of radii and levers by name and remedy, and the corrected wheels.
 
     Least squares give the scale of the angles of each wheel, and by how much the scale of the
     rotation differs.
@@ -237,38 +256,29 @@ def _scale_errors(
                 "turn shows only the sum of wheelbase and track",
             )
         )
-    return [Mistake(*pair, described) for pair in words], described
-
-
-def _several(
-    wheels: Mapping[str, WheelMount], angle: FloatArray, known: FloatArray
-) -> list[Mistake]:
-    """Return one error for each wrong wheel; an empty list if these do not explain all angles."""
-    described = dict(wheels)
-    found: list[tuple[str, str]] = []
-    scale = _scale(wheels, angle, known)
-    for row in np.flatnonzero(_misfit(wheels, angle, known) >= _ALLOWED.misfit):
-        name = list(wheels)[row]
-        fits = [
-            (float(_misfit({**wheels, name: changed}, angle, known)[row]), part, remedy, changed)
-            for part, remedy, changed in _changes(wheels[name], float(scale[row]))
-        ]
-        _, part, remedy, described[name] = min(fits, key=lambda fit: fit[0])
-        found.append((f"{part} of wheel {name} is wrong", remedy))
-    if np.max(_misfit(described, angle, known)) >= _ALLOWED.misfit:
-        return []
-    return [Mistake(*words, described) for words in found]
-
-
-def _scale(wheels: Mapping[str, WheelMount], angle: FloatArray, known: FloatArray) -> FloatArray:
-    """Return the ratio of the measured to the predicted angles of each wheel [1], shape (N,)."""
-    predicted = _predicted(wheels, known)
-    return np.asarray(np.sum(angle * predicted, axis=0) / np.sum(predicted**2, axis=0))
+    return words, described
 
 
 def _hypotheses(
     wheels: Mapping[str, WheelMount], angle: FloatArray, known: FloatArray
-) -> Iterator[Mistake]:
+) -> Iterator[tuple[list[tuple[str, str]], dict[str, WheelMount]]]:
+    """Yield the mistakes of each hypothesis by name and remedy, and the corrected wheels.
+
+    The hypotheses are the best change of each wheel, which may be none, the best exchange of
+    wheels, and the same change of all wheels.
+
+    Args:
+        wheels: wheels as described in the vehicle's file.
+        angle: measured angles as in `_misfit`.
+        known: motions as in `_misfit`.
+    """
+    words, described = [], dict(wheels)
+    for row, (name, mount) in enumerate(wheels.items()):
+        changes = [("", "", mount), *_changes(mount)]
+        fits = [_misfit({**wheels, name: one}, angle, known)[row] for _, _, one in changes]
+        part, remedy, described[name] = changes[int(np.argmin(fits))]
+        words += [(f"{part} of wheel {name} is wrong", remedy)] * bool(part)
+    yield words, described
     names, mounts = list(wheels), list(wheels.values())
     predicted = _predicted(wheels, known)
     # Relative error if the speeds of wheel j are those of wheel i; a wheel keeps its place unless
@@ -281,34 +291,21 @@ def _hypotheses(
     moved = " and ".join(name for row, name in enumerate(names) if places[row] != row)
     if moved:
         order = {name: mounts[places[row]] for row, name in enumerate(names)}
-        yield Mistake(f"wheels {moved} are exchanged", "exchange their encoders or names", order)
-    scale = _scale(wheels, angle, known)
-    for row, (name, mount) in enumerate(wheels.items()):
-        for part, remedy, changed in _changes(mount, float(scale[row])):
-            yield Mistake(f"{part} of wheel {name} is wrong", remedy, {**wheels, name: changed})
-    common = float(np.median(scale))
-    for of_all in zip(*(_changes(mount, common) for mount in mounts), strict=True):
+        yield [(f"wheels {moved} are exchanged", "exchange their encoders or names")], order
+    for of_all in zip(*map(_changes, mounts), strict=True):
         part, remedy, _ = of_all[0]
-        described = dict(zip(wheels, (changed for _, _, changed in of_all), strict=True))
-        yield Mistake(f"{part} of all wheels is wrong", f"{remedy}, for every wheel", described)
+        changed = {name: mount for name, (_, _, mount) in zip(wheels, of_all, strict=True)}
+        yield [(f"{part} of all wheels is wrong", f"{remedy}, for every wheel")], changed
 
 
-def _changes(mount: WheelMount, scale: float) -> Iterator[tuple[str, str, WheelMount]]:
-    """Yield possible single errors of a wheel: the wrong item, its remedy, and the corrected wheel.
-
-    Args:
-        mount: wheel as described in the vehicle's file.
-        scale: ratio of the measured to the predicted angle of the wheel [1].
-    """
+def _changes(mount: WheelMount) -> Iterator[tuple[str, str, WheelMount]]:
+    """Yield possible errors of a wheel's signs: wrong item, its remedy, and the corrected wheel."""
     turned = (mount.heading_deg + 360.0) % 360.0 - 180.0
-    radius = float(np.clip(mount.radius / max(scale, 0.1), 1e-3, 10.0))  # valid radii
-    other_radius = f"set radius to {radius:.4f}, or check counts and unit of the encoder"
     for part, remedy, changed in (
         ("direction", "negate the speed, or turn heading_deg by 180", {"heading_deg": turned}),
         ("roller", "negate roller_angle_deg", {"roller_angle_deg": -mount.roller_angle_deg}),
         ("x", "negate x", {"x": -mount.x}),
         ("y", "negate y", {"y": -mount.y}),
-        ("radius", other_radius, {"radius": radius}),
     ):
         yield part, remedy, dataclasses.replace(mount, **changed)
 

@@ -184,6 +184,14 @@ def test_small_errors_of_the_geometry_are_named_and_corrected(
             ["x of wheel rear_left is wrong", "roller of wheel front_right is wrong"],
         ),
         (
+            ["direction of wheel rear_left", "radius of wheel front_left"],
+            ["direction of wheel rear_left is wrong", "radius of wheel front_left is wrong"],
+        ),
+        (
+            ["roller of wheel rear_left", "radius of all wheels"],
+            ["roller of wheel rear_left is wrong", "radius of all wheels is wrong"],
+        ),
+        (
             ["speed of all wheels is 5", "direction of all wheels"],
             ["speed of all wheels is 5", "direction of all wheels is wrong"],
         ),
