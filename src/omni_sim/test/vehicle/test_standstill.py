@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 
 import numpy as np
@@ -82,9 +83,14 @@ def test_speed_passes_smoothly_through_zero(
 
 
 def test_vehicle_braked_in_reverse_stops_like_forward(forklift: VehicleConfiguration) -> None:
-    for twist in ((-4.0, 0.0, 0.0), (0.0, 3.0, 0.0), (0.0, 0.0, 3.0)):
-        vehicle = Vehicle(forklift, twist=twist)
-        path = vehicle.advance(6000, 1.0, ON, NO_COMMAND)
-        assert np.max(np.abs(path[-1, 3:])) < 1e-3
-        moved = path[-1, :3] @ np.array(twist)
-        assert moved > 0.0
+    symmetric = dataclasses.replace(forklift, load=dataclasses.replace(forklift.load, mass=0.0))
+    for twist in ((4.0, 0.0, 0.0), (0.0, 3.0, 0.0), (0.0, 0.0, 3.0)):
+        forward, reverse = (
+            Vehicle(symmetric, twist=tuple(sign * np.array(twist))).advance(
+                6000, 1.0, ON, NO_COMMAND
+            )
+            for sign in (1.0, -1.0)
+        )
+        assert np.max(np.abs(forward[-1, 3:])) < 1e-3
+        assert forward[-1, :3] @ np.array(twist) > 0.0
+        np.testing.assert_allclose(reverse, -forward, atol=1e-9)
