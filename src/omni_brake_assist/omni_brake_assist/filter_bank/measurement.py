@@ -240,6 +240,8 @@ def fuse_wheels(
     released, rolling = False, False
     speed = math.hypot(memory.record[0].twist_x, memory.record[0].twist_y)
     span = _SPEED_RANGE + _SPEED_SHARE * speed
+    # Without an estimate, encoders are as probably faulty as under the best hypothesis.
+    best = min(memory.record[0].best, bank.NO_TWIST)
     for i in range(speeds.size):
         rim = constants.roll[i] * speeds[i]
         change = rim - memory.rim[i]
@@ -257,9 +259,9 @@ def fuse_wheels(
             memory.mark[i] = min(memory.mark[i], abs(rim))
         memory.idle[i] += dt
         wheel = _mixture(constants, memory, i, (dt, braking, held), (change, slip, span))
-        memory.evidence[bank.NO_ESTIMATE] += constants.wheel_weight * math.log(
-            wheel.locked + 1.0 / span
-        )
+        faulty, weight = memory.faulty[best, i], constants.wheel_weight
+        likelihood = (1.0 - faulty) * (wheel.locked + 1.0 / span) ** weight
+        memory.evidence[bank.NO_ESTIMATE] += math.log(likelihood + faulty / span**weight)
         for k in range(bank.FILTERS):
             possible = _fuse_wheel(constants, memory, i, k, wheel)
             _update_encoder(constants, memory.faulty[k], i, possible * span)

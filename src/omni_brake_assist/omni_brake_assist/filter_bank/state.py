@@ -299,7 +299,8 @@ def begin(constants: BankConstants, memory: BankMemory, now_ns: int, twist: Twis
     memory.newest[1] = memory.newest[0]
     memory.released[:] = 0.0
     memory.rim[:] = math.nan
-    memory.faulty[:] = memory.idle[:] = memory.mark[:] = 0.0
+    memory.idle[:] = memory.mark[:] = 0.0
+    memory.faulty[:FILTERS] = PRIOR
     memory.gained[:] = False
     memory.loss[:] = 0.0
     memory.covariance[:] = 0.0

@@ -276,8 +276,11 @@ def test_a_source_that_recovers_has_left_nothing_behind(
     RELEASED, "one faulty encoder, with an IMU",
     "gate: a wheel speed that contradicts the filters is rejected", within=0.0,
 )  # fmt: skip
-def test_a_faulty_wheel_does_not_change_the_estimate(drive: Drive) -> None:
-    drive.run(160, "wheel", size=20.0)
+@pytest.mark.parametrize("onset", [0, 80])
+@pytest.mark.parametrize("size", [20.0, -80.0])
+def test_a_faulty_wheel_does_not_change_the_estimate(drive: Drive, onset: int, size: float) -> None:
+    drive.run(160, "wheel", onset, size)
+    assert NO_TWIST not in drive.chosen
     assert drive.error == pytest.approx(0.0, abs=0.01)
 
 
