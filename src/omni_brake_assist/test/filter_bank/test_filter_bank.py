@@ -6,20 +6,8 @@ import numpy as np
 import pytest
 
 from omni_brake_assist.configuration import BrakeAssistConfiguration
+from omni_brake_assist.filter_bank import state as bank
 from omni_brake_assist.filter_bank.bank import estimate
-from omni_brake_assist.filter_bank.state import (
-    ALL,
-    FAULTY,
-    NO_ESTIMATE,
-    NO_FORCE,
-    NO_GYRO,
-    NO_TWIST,
-    BankConstants,
-    Readings,
-    Twist,
-    bank_constants,
-    bank_memory,
-)
 from omni_platform.geometry import PlatformGeometry, WheelMount
 from omni_platform.kinematics import PlatformKinematics
 from omni_platform.quantities import FloatArray
@@ -48,11 +36,11 @@ class Drive:
             wheels=wheels, imu_x=place[0], imu_y=place[1], feedback_delay=delay
         )
         self.unsaid = delay * 1e9 / PERIOD_NS  # steps by which stamps are later than the motion
-        self.constants: BankConstants = bank_constants(
+        self.constants: bank.BankConstants = bank.bank_constants(
             configuration, PlatformGeometry.from_wheels(wheels)
         )
         self.kinematics, self.place = PlatformKinematics(wheels), place
-        self.memory = bank_memory(len(wheels))
+        self.memory = bank.bank_memory(len(wheels))
         self.imu_lost = 1000  # step from which on no IMU reading is received
         self.variance = 1e-6  # of each component of the twist [square of its unit]
         self.answers: list[FloatArray] = []
@@ -117,8 +105,8 @@ class Drive:
             if faulty and fault == "ice":
                 speeds[0] = min(speeds[0], size * (step - onset))
             now_ns, answer = step * PERIOD_NS, np.full(3, np.nan)
-            readings = Readings(1.0 if braking else 0.0, enable, inertial, speeds)
-            measured = Twist(received, taken * PERIOD_NS, twist, np.full(3, self.variance))
+            readings = bank.Readings(1.0 if braking else 0.0, enable, inertial, speeds)
+            measured = bank.Twist(received, taken * PERIOD_NS, twist, np.full(3, self.variance))
             found = estimate(self.constants, self.memory, now_ns, readings, measured, answer)
             self.chosen.append(found)
             self.answers.append(answer)
@@ -140,7 +128,7 @@ def drive(mecanum: dict[str, WheelMount], request: pytest.FixtureRequest) -> Dri
 
 def test_fault_free_sensors_are_all_used(drive: Drive) -> None:
     drive.run(200)
-    assert set(drive.chosen) == {ALL}
+    assert set(drive.chosen) == {bank.ALL}
     assert drive.error == pytest.approx(0.0, abs=0.01)
 
 
@@ -149,7 +137,7 @@ def test_fault_free_sensors_are_all_used(drive: Drive) -> None:
 )
 def test_the_motion_is_known_for_a_second_without_the_twist(drive: Drive) -> None:
     drive.run(180, "silence")
-    assert NO_ESTIMATE not in drive.chosen
+    assert bank.NO_ESTIMATE not in drive.chosen
     assert drive.error == pytest.approx(0.0, abs=0.01)
 
 
@@ -158,24 +146,24 @@ def test_the_motion_is_known_for_a_second_without_the_twist(drive: Drive) -> Non
 )
 def test_the_motion_is_known_without_any_twist(drive: Drive) -> None:
     drive.run(150, "silence", onset=0)
-    assert set(drive.chosen[2:]) == {ALL}
+    assert set(drive.chosen[2:]) == {bank.ALL}
     assert drive.error == pytest.approx(0.0, abs=0.05)
 
 
 def test_without_any_twist_a_released_wheel_must_roll(drive: Drive) -> None:
     drive.run(PEDAL + 25, "locked", onset=0)
-    assert drive.chosen[-1] == NO_ESTIMATE
+    assert drive.chosen[-1] == bank.NO_ESTIMATE
 
 
 def test_without_a_twist_the_estimate_stays_valid_during_a_long_drive(drive: Drive) -> None:
     twist, wheels, answer = drive.truth(0)[0], drive.memory.rim.size, np.zeros(3)
     speeds, period_ns = drive.kinematics.wheel_speeds(twist), 5 * PERIOD_NS
-    readings = Readings(0.0, np.ones(wheels), np.zeros(3), speeds)
+    readings = bank.Readings(0.0, np.ones(wheels), np.zeros(3), speeds)
     for step in range(60 * 60 * 20):  # an hour
-        missing = Twist(False, 0, np.full(3, np.nan), np.zeros(3))
+        missing = bank.Twist(False, 0, np.full(3, np.nan), np.zeros(3))
         now_ns = step * period_ns
         chosen = estimate(drive.constants, drive.memory, now_ns, readings, missing, answer)
-    assert chosen == ALL
+    assert chosen == bank.ALL
     np.testing.assert_allclose(answer, twist, atol=0.01)
 
 
@@ -194,31 +182,31 @@ def test_a_late_twist_is_compensated(drive: Drive) -> None:
     ("fault", "size", "out"),
     [
         pytest.param(
-            "twist", 0.5, NO_TWIST,
+            "twist", 0.5, bank.NO_TWIST,
             marks=pytest.mark.safety(
                 RELEASED, "the velocity of the twist is wrong by 0.5 m/s",
                 ISOLATED + "accelerometer and wheels", within=0.1,
             ),
         ),
         pytest.param(
-            "rate", 0.3, NO_TWIST,
+            "rate", 0.3, bank.NO_TWIST,
             marks=pytest.mark.safety(
                 RELEASED, "the yaw rate of the twist is wrong by 0.3 rad/s",
                 ISOLATED + "the gyro and the change of the velocity", within=0.1,
             ),
         ),
-        ("rate", -0.5, NO_TWIST),
+        ("rate", -0.5, bank.NO_TWIST),
         pytest.param(
-            "gyro", 0.3, NO_GYRO,
+            "gyro", 0.3, bank.NO_GYRO,
             marks=pytest.mark.safety(
                 RELEASED, "the gyro is wrong by 0.3 rad/s",
                 ISOLATED + "the yaw rate of the twist and the change of its velocity",
                 within=0.1,
             ),
         ),
-        ("gyro", -0.5, NO_GYRO),
+        ("gyro", -0.5, bank.NO_GYRO),
         pytest.param(
-            "force", 4.0, NO_FORCE,
+            "force", 4.0, bank.NO_FORCE,
             marks=pytest.mark.safety(
                 RELEASED, "the accelerometer is wrong by 4 m/s^2",
                 ISOLATED + "twist and wheels", within=0.2,
@@ -241,8 +229,8 @@ def test_a_faulty_yaw_rate_of_the_twist_does_not_isolate_the_gyro(
 ) -> None:
     drive.run(150, "rate", 60, size)
 
-    assert NO_GYRO not in drive.chosen
-    assert drive.time_until(NO_TWIST, 60) <= 0.02
+    assert bank.NO_GYRO not in drive.chosen
+    assert drive.time_until(bank.NO_TWIST, 60) <= 0.02
 
 
 @pytest.mark.safety(
@@ -256,8 +244,8 @@ def test_a_twist_that_braking_does_not_change_is_isolated(
     drive: Drive, hold: int, within: float
 ) -> None:
     drive.run(115, "stuck", hold=hold)
-    assert drive.chosen[-1] == NO_TWIST
-    assert drive.time_until(NO_TWIST) <= within
+    assert drive.chosen[-1] == bank.NO_TWIST
+    assert drive.time_until(bank.NO_TWIST) <= within
     assert drive.error == pytest.approx(0.0, abs=0.01)
 
 
@@ -267,7 +255,7 @@ def test_a_source_that_recovers_has_left_nothing_behind(
 ) -> None:
     """Filters that used a faulty source are initialized from filters that did not use it."""
     drive.run(190, fault, onset=70, size=size, until=110)
-    assert drive.chosen[-1] == ALL
+    assert drive.chosen[-1] == bank.ALL
     errors = [a - drive.truth(i)[0] for i, a in enumerate(drive.answers) if i >= 130]
     assert np.max(np.abs(errors)) < 0.01
 
@@ -280,7 +268,7 @@ def test_a_source_that_recovers_has_left_nothing_behind(
 @pytest.mark.parametrize("size", [20.0, -80.0])
 def test_a_faulty_wheel_does_not_change_the_estimate(drive: Drive, onset: int, size: float) -> None:
     drive.run(160, "wheel", onset, size)
-    assert NO_TWIST not in drive.chosen
+    assert bank.NO_TWIST not in drive.chosen
     assert drive.error == pytest.approx(0.0, abs=0.01)
 
 
@@ -293,7 +281,7 @@ def test_a_twist_is_used_directly_if_it_is_more_accurate_at_base_link(
     drive.variance = variance
     drive.run(100)
     at_base = np.array([[1.0, 0.0, -1.0], [0.0, 1.0, -1.0], [0.0, 0.0, 1.0]])
-    estimated = np.diag(at_base @ drive.memory.covariance[ALL, :3, :3] @ at_base.T)
+    estimated = np.diag(at_base @ drive.memory.covariance[bank.ALL, :3, :3] @ at_base.T)
     direct = drive.answers[-1] == drive.truth(99)[0]
     assert direct.tolist() == (variance < estimated).tolist()
 
@@ -301,7 +289,7 @@ def test_a_twist_is_used_directly_if_it_is_more_accurate_at_base_link(
 @pytest.mark.parametrize("late", [0, 1, 5])
 def test_a_known_age_of_the_twist_is_no_dispute(drive: Drive, late: int) -> None:
     drive.run(180, late=late)
-    assert set(drive.chosen) == {ALL}
+    assert set(drive.chosen) == {bank.ALL}
 
 
 @pytest.mark.parametrize("delay", [0.005, 0.05, 0.2])
@@ -311,7 +299,7 @@ def test_a_configured_delay_leaves_the_estimate_of_now(
     """The delay is half a step or more; until the first twist, the wheels measure the motion."""
     drive = Drive(mecanum, (0.5, -0.3), delay)
     drive.run(180)
-    assert set(drive.chosen) == {ALL}
+    assert set(drive.chosen) == {bank.ALL}
     assert drive.error == pytest.approx(0.0, abs=0.01)
 
 
@@ -320,7 +308,7 @@ def test_a_faulty_gyro_is_isolated_beside_a_late_twist(
 ) -> None:
     drive = Drive(mecanum, delay=0.05)
     drive.run(160, "gyro", size=0.3)
-    assert drive.chosen[-1] == NO_GYRO
+    assert drive.chosen[-1] == bank.NO_GYRO
     assert drive.error == pytest.approx(0.0, abs=0.03)
 
 
@@ -333,7 +321,7 @@ def test_a_small_fault_of_the_accelerometer_does_not_bias_the_estimate(drive: Dr
 def test_one_wheel_alone_isolates_nothing(drive: Drive) -> None:
     """The only rolling wheel has a faulty encoder; twist and IMU remain in use."""
     drive.run(180, "wheel", size=3.0)
-    assert NO_TWIST not in drive.chosen
+    assert bank.NO_TWIST not in drive.chosen
     assert drive.error == pytest.approx(0.0, abs=0.01)
 
 
@@ -344,8 +332,8 @@ def test_without_an_imu_a_faulty_encoder_is_not_distinguished_from_a_faulty_twis
     """The only rolling wheel contradicts the twist, so that the motion is unknown."""
     drive.imu_lost = 0
     drive.run(90, "wheel", onset=60, size=size)
-    assert drive.time_until(NO_ESTIMATE, onset=60) <= 0.1
-    assert set(drive.chosen[70:]) == {NO_ESTIMATE}
+    assert drive.time_until(bank.NO_ESTIMATE, onset=60) <= 0.1
+    assert set(drive.chosen[70:]) == {bank.NO_ESTIMATE}
 
 
 @pytest.mark.safety(
@@ -361,24 +349,24 @@ def test_an_isolated_twist_is_not_fused_again_without_another_source(
 ) -> None:
     drive.imu_lost = 90
     drive.run(200, "twist", size=size)
-    assert drive.chosen[drive.imu_lost - 1] == NO_TWIST
-    assert set(drive.chosen[drive.imu_lost + round(within / STEP) :]) == {NO_ESTIMATE}
+    assert drive.chosen[drive.imu_lost - 1] == bank.NO_TWIST
+    assert set(drive.chosen[drive.imu_lost + round(within / STEP) :]) == {bank.NO_ESTIMATE}
 
 
 def test_a_release_of_the_pedal_resets_isolation(drive: Drive) -> None:
     drive.run(120, "twist", size=1.0)
-    assert drive.chosen[-1] == NO_TWIST
+    assert drive.chosen[-1] == bank.NO_TWIST
     inertial, speeds = np.zeros(3), np.zeros(4)
     answer = np.empty(3)
     estimate(
         drive.constants,
         drive.memory,
         120 * PERIOD_NS,
-        Readings(0.0, np.ones(4), inertial, speeds),
-        Twist(False, 0, np.zeros(3), np.zeros(3)),
+        bank.Readings(0.0, np.ones(4), inertial, speeds),
+        bank.Twist(False, 0, np.zeros(3), np.zeros(3)),
         answer,
     )
-    assert drive.memory.record[0]["best"] == ALL
+    assert drive.memory.record[0]["best"] == bank.ALL
 
 
 def test_a_wheel_that_spins_up_slowly_on_ice_does_not_mislead(
@@ -390,7 +378,7 @@ def test_a_wheel_that_spins_up_slowly_on_ice_does_not_mislead(
     for step in range(80, 170):
         truth = drive.truth(step)[0]
         assert np.hypot(*(drive.answers[step][:2] - truth[:2])) < 0.01
-        assert np.hypot(*(drive.memory.state[NO_TWIST, :2] - drive.truth(169)[0][:2])) < 0.1
+        assert np.hypot(*(drive.memory.state[bank.NO_TWIST, :2] - drive.truth(169)[0][:2])) < 0.1
 
 
 def drive_and_brake(
@@ -410,9 +398,9 @@ def drive_and_brake(
         braking = step >= PEDAL
         enable = braked if step > PEDAL else np.ones(4)
         speeds = drive.kinematics.wheel_speeds(np.zeros(3) if step > PEDAL else driven)
-        readings = Readings(1.0 if braking else 0.0, enable, missing, speeds)
+        readings = bank.Readings(1.0 if braking else 0.0, enable, missing, speeds)
         now_ns = step * PERIOD_NS
-        taken = Twist(True, now_ns, twist, np.full(3, 1e-6))
+        taken = bank.Twist(True, now_ns, twist, np.full(3, 1e-6))
         found.add(estimate(drive.constants, drive.memory, now_ns, readings, taken, answer))
     return found
 
@@ -424,14 +412,14 @@ def test_wheels_that_stay_locked_after_a_release_are_no_fault(
     """The brakes release 0.18 s later than the configuration states."""
     drive, twist = Drive(mecanum), np.array([3.0, 0.0, 0.0])
     enable = np.where(np.arange(4) < released, 0.0, 1.0)
-    assert drive_and_brake(drive, twist, twist, enable, 18) == {ALL}
-    assert np.max(drive.memory.faulty[ALL]) < FAULTY
+    assert drive_and_brake(drive, twist, twist, enable, 18) == {bank.ALL}
+    assert np.max(drive.memory.faulty[bank.ALL]) < bank.FAULTY
 
 
 def test_driven_wheels_that_slip_in_a_turn_are_no_fault(mecanum: dict[str, WheelMount]) -> None:
     """The vehicle has a sideslip of 7 deg, but its driven wheels turn as without sideslip."""
     twist, driven = np.array([8.0, -1.0, 0.5]), np.array([8.0, 0.0, 0.5])
-    assert drive_and_brake(Drive(mecanum), twist, driven, np.ones(4), 20) == {ALL}
+    assert drive_and_brake(Drive(mecanum), twist, driven, np.ones(4), 20) == {bank.ALL}
 
 
 @pytest.mark.safety(
@@ -453,9 +441,9 @@ def test_wheels_contradict_a_fault_that_twist_and_imu_share(
         speeds[1:] *= 0.9 if k >= 0 else 1.0
         stamp = (k + PEDAL) * PERIOD_NS
         force = np.array([0.0, -9.81 if k > 0 else 0.0, 0.0])
-        readings = Readings(float(k >= 0), np.array([0.0, 1.0, 1.0, 1.0]), force, speeds)
-        twist = Twist(True, stamp, np.array([START - 9.81 * time, 0.0, 0.0]), np.full(3, 1e-6))
+        readings = bank.Readings(float(k >= 0), np.array([0.0, 1.0, 1.0, 1.0]), force, speeds)
+        twist = bank.Twist(True, stamp, np.array([START - 9.81 * time, 0.0, 0.0]), np.full(3, 1e-6))
         found = estimate(constants, memory, stamp, readings, twist, answer)
         if time > within:
-            errors.append(0.0 if found == NO_ESTIMATE else abs(answer[0] - START))
+            errors.append(0.0 if found == bank.NO_ESTIMATE else abs(answer[0] - START))
     assert max(errors) < 0.01
