@@ -24,14 +24,14 @@ from omni_tools.vehicles.plausibility import wheel_facts
 class Tolerances(NamedTuple):
     """Test conditions, and tolerances within which the brakes count as correct.
 
-    A brake is tested only if it was demanded long enough: `braked` or `share` must be reached.
+    A brake is tested only if it was demanded long enough: `braked` or `mean_demand` is reached.
 
     Attributes:
         latest: longest delay to search for, in addition to the dead time in the vehicle's file [s].
         response: minimum mean ground torque on a braked wheel, as a share of the largest such
             torque of all wheels [1].
         braked: minimum time integral of the demand while the wheel moves [s].
-        share: minimum mean of the demand while the driver brakes and the wheel moves [1].
+        mean_demand: minimum mean of the demand while the driver brakes and the wheel moves [1].
         gain: two brakes count as exchanged if their exchange increases the sum of correlations by
             more than this value [1].
         delay: limit on the difference between the measured dead time and that in the vehicle's file
@@ -42,7 +42,7 @@ class Tolerances(NamedTuple):
     latest: float = 0.3
     response: float = 0.03
     braked: float = 0.5
-    share: float = 0.75
+    mean_demand: float = 0.75
     gain: float = 1.0
     delay: float = 0.03
     slowest: float = 0.2
@@ -274,7 +274,7 @@ def idle(response: Response) -> int | None:
         response.period * np.sum(values, axis=0)
         for values in (demand, response.moving & response.braking)
     )
-    tested = braked >= np.minimum(_ALLOWED.braked, _ALLOWED.share * longest)
+    tested = braked >= np.minimum(_ALLOWED.braked, _ALLOWED.mean_demand * longest)
     # On a wheel without a brake, the ground torque is at most 0, because the ground only keeps the
     # wheel rolling.
     slip = np.sum(demand * response.slip, axis=0) * response.period / np.maximum(braked, 1e-9)
