@@ -1,4 +1,4 @@
-"""Runs over the graph that several tests share."""
+"""Fixtures for runs over the graph, which several tests share."""
 
 from __future__ import annotations
 

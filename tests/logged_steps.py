@@ -53,5 +53,5 @@ def advance_logged(
 
 
 def kinetic_energy(vehicle: Vehicle) -> float:
-    """Return the energies of translation, rotation and spin [J]."""
+    """Return the sum of the energies of translation, rotation and spin [J]."""
     return float(sum(vehicle.energies[:3]))

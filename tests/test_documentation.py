@@ -93,7 +93,7 @@ def test_measured_numbers_are_not_typed() -> None:
 
 
 def prose(text: str) -> str:
-    """Return a page without filled blocks, code, and rows that name a test of their number."""
+    """Return a page without filled blocks, code, and lines that name a test for their numbers."""
     tested = re.sub(r"^.*`test_.*$", "", text, flags=re.MULTILINE)
     filled = r"<!-- numbers: .*?<!-- /numbers -->|```.*?```|`[^`\n]*`"
     return re.sub(filled, "", tested, flags=re.DOTALL)

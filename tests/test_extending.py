@@ -23,7 +23,7 @@ exec {sys.executable} -m omni_bringup.cli "$@"
 
 @pytest.fixture(scope="module")
 def followed(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder with the files of the page, after its commands."""
+    """A folder with the files of the page, in which the commands of the page have been run."""
     folder = tmp_path_factory.mktemp("reader")
     (folder / "omni").write_text(LAUNCHER)
     (folder / "omni").chmod(0o755)

@@ -83,7 +83,10 @@ def odometry(run: RunHistory, k: int) -> Any:
 
 
 def estimate(run: RunHistory, k: int) -> Any:
-    """Return the odometry's message with the stamp of its newest line, unmeasured where NaN."""
+    """Return the message of the odometry at row k of a run.
+
+    Its stamp is that of its newest line. A twist that is NaN in the run is marked as unmeasured.
+    """
     known = bool(run.measured[k])
     return message(
         "geometry_msgs/msg/TwistWithCovarianceStamped",

@@ -139,7 +139,7 @@ def test_a_place_far_away_is_refused_before_the_start(library: ExperimentLibrary
 def test_the_assistant_knows_how_old_the_mean_over_a_batch_is(
     library: ExperimentLibrary, overrides: tuple[str, ...], age: float
 ) -> None:
-    """It is half the duration of the batch by default; a velocity sensor has no age."""
+    """The age is half the duration of the batch by default, and 0 for a velocity sensor."""
     loaded = library.load("small_stop", "assisted", overrides)
     assert loaded.brake_assist.feedback_delay == pytest.approx(age)
 

@@ -1,4 +1,4 @@
-"""A history contains the given values, and two histories differ only in different bits."""
+"""A history contains the given values, and two histories are equal only if all bits are equal."""
 
 from __future__ import annotations
 

@@ -52,7 +52,7 @@ def odometry(stamp_ns: int, place: tuple[float, float, float], yaw: float) -> by
 
 @pytest.fixture
 def bag(tmp_path: Path) -> Path:
-    """A recording of two poses, of which one is late, and of a message that is no odometry."""
+    """A recording of two poses, the second with the earlier stamp, and of an invalid message."""
     transforms = RecordedTransforms(TRUTH, ["front", "left"], [0.65, 0.0, 0.5, 0.0, 0.5, -1.0])
     topics = [RecordedTopic(TRUTH, find_message_definition(ODOMETRY), RecordedQos(10))]
     writer = Rosbag2Writer(tmp_path / "bag", [*topics, *transforms.topics])

@@ -18,7 +18,7 @@ CLAIMS = yaml.safe_load((files(omni_studies) / "claims.yaml").read_text(encoding
 
 
 def metric_names(expression: str) -> set[str]:
-    """Return metrics with which an expression can be evaluated."""
+    """Return the names of metrics that suffice to evaluate an expression."""
     names = set(re.findall(r"\b[a-z]\w*\.\w+", expression))
     patterns = re.findall(r'of\((\w+), "([^"]+)"\)', expression)
     names |= {f"{name}.{case.replace('*', own)}" for name, case in patterns for own in "ab"}

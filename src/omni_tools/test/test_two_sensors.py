@@ -92,7 +92,7 @@ def test_the_arc_is_the_motion(twist: tuple[float, float, float]) -> None:
 
 
 def test_in_a_steady_turn_the_error_is_no_noise() -> None:
-    """In half a circle, chords have an error at the end, arcs do not."""
+    """The end of half a circle, divided into 50 steps, is exact with arcs but not with chords."""
     twist = (5.0, 0.0, 2.0 * math.pi)
     ends = []
     for arc in (False, True):

@@ -41,7 +41,7 @@ class Command(Protocol):
 
 @functools.cache
 def commands_of(package: str) -> dict[str, str]:
-    """Return the description of each command in a package, keyed by name, without importing it.
+    """Return the descriptions of the commands in a package, keyed by name, without importing them.
 
     Args:
         package: dotted name of the package; modules whose names begin with ``_`` are not commands.
@@ -53,7 +53,7 @@ def commands_of(package: str) -> dict[str, str]:
 
 
 def load_command(group: Any, name: str) -> Any:
-    """Return the module that defines a command, or the result of ``group.command(name)``.
+    """Return the module that defines a command; if the group has a function `command`, its result.
 
     Args:
         group: module with a ``PACKAGE``, such as this one.

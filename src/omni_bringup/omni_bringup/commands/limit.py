@@ -137,7 +137,10 @@ def _question(options: Options, library: ExperimentLibrary) -> tuple[str, Load]:
 def _forces(
     vehicle: VehicleConfiguration, ground: GroundConfiguration, maneuver: Maneuver
 ) -> Table:
-    """Tabulate the wheel forces of the strongest straight stop on a ground without patches."""
+    """Return a table of the wheel forces at the largest deceleration without rotation.
+
+    The friction is that of the ground without its patches.
+    """
     import numpy as np
     from rich.table import Table
 

@@ -223,9 +223,9 @@ class ProcessGroup:
         """End all processes, in reverse order of their start.
 
         After a failure of one process, others may wait for acknowledgments that never arrive.
-        Therefore all processes except the first then receive the request to end at the same time.
-        If the first process (the recorder) has already ended, the others receive a second request
-        after 0.5 s, so that they stop waiting.
+        Therefore the request to end is then sent to all processes except the first before the end
+        of any is awaited. If the first process (the recorder) has already ended, the others receive
+        a second request after 0.5 s, so that they stop waiting.
         """
         if any(process.returncode not in (None, 0) for process in self.running):
             senders = self.running[1:]

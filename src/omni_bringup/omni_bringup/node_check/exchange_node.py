@@ -286,7 +286,7 @@ def _exchange(
     publishers: Mapping[str, Publisher],
     alive: Callable[[], bool],
 ) -> Exchange:
-    """Return an exchange that stores the answers, once the checked node receives the inputs.
+    """Wait until the checked node receives the inputs; return an exchange that stores its answers.
 
     Args:
         partner: node of this process.
@@ -314,10 +314,10 @@ def _exchange(
 def subscribe(
     partner: Partner, topics: Mapping[str, Topic], qos: QoSProfile
 ) -> dict[str, list[tuple[int, Any]]]:
-    """Return lists to which each message is appended with its time of publication [ns].
+    """Subscribe to topics; return a list for each, to which received messages are appended.
 
-    Unlike the time of reception, the time of publication does not depend on how long messages wait
-    in this process.
+    An entry consists of the time of publication [ns] and the message. Unlike the time of reception,
+    the time of publication does not depend on how long messages wait in this process.
 
     Args:
         partner: node of this process.

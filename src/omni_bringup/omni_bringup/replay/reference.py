@@ -19,9 +19,10 @@ _SPREAD = 3  # number of samples before and after a sample from which its accele
 def read_reference(
     bag: folder.Bag, configuration: experiment.ExperimentConfiguration, kind: str
 ) -> tuple[FloatArray, FloatArray, str]:
-    """Return times and twists of the reference, and its description.
+    """Return times, twists and kind of the reference motion of a recording.
 
     Wheel speeds are used only while they are nearly constant, because accelerated wheels slip.
+    Twists at other times are NaN.
 
     Args:
         bag: the recording.
@@ -31,7 +32,7 @@ def read_reference(
 
     Returns:
         Times [s], shape (K,); twists (v_x, v_y, yaw rate) in the body frame [m/s, m/s, rad/s],
-        shape (K, 3); description of the reference.
+        shape (K, 3); the kind that was used, `TRUTH` or `WHEELS`.
 
     Raises:
         BagError: the recording does not contain the reference.

@@ -68,7 +68,7 @@ def test_designed_sensors_measure_in_an_experiment(
 
 @pytest.fixture
 def quick(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The error of one camera is given, and no figure is drawn."""
+    """Skip the slow parts: use a given error of one camera, and draw an empty figure."""
     speed = np.array([3.0, 0.0])
     rms = np.array([0.002, 0.01])
     given = SensorTrial(SensorError(2e-6, 6e-4), speed, speed[::-1], rms, rms)

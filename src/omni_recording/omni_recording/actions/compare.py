@@ -40,9 +40,9 @@ class TopicComparison:
     worst: str = ""
 
     def agrees(self, tolerance: float) -> bool:
-        """Return whether there are messages, each has a partner, and all values of the pairs agree.
+        """Return whether both recordings contain the same messages, at least one, in this topic.
 
-        Numbers may differ by the tolerance; texts must be equal.
+        Numbers may differ by the tolerance; stamps and texts must be equal.
 
         Args:
             tolerance: limit on the absolute difference, in the unit of the values.

@@ -51,7 +51,7 @@ class Quantity:
     def near(self, value: float) -> tuple[float, float]:
         """Return lower and upper limits around a value, in `unit`.
 
-        Each limit differs from the value by a tenth of the range, but is within the range.
+        The limits are a tenth of the range below and above the value, but within the range.
         """
         reach = 0.1 * (self.high - self.low)
         return max(value - reach, self.low), min(value + reach, self.high)

@@ -43,9 +43,7 @@ class Motion:
     growth: float = 0.0
 
     def traveled(self, time: FloatArray) -> FloatArray:
-        """Return the time in which a constant twist would cover the path of this motion [s].
-
-        The constant twist is the initial twist of this motion.
+        """Return the time in which the initial twist, if constant, would cover the path [s], (t,).
 
         Args:
             time: times until which this motion covers its path [s], shape (t,).

@@ -104,8 +104,8 @@ class Options(CampaignOptions):
     """your own law as `my_module:MyLaw`, which is compared with the built-in laws in every
     experiment"""
     random: int = parameter(0, minimum=0, maximum=10**6)
-    """number of random stops to run instead of the experiments; each --law is compared with the
-    first --law (default: only allocation)"""
+    """number of random stops to run instead of the experiments, under each --law (without --law:
+    under allocation); further laws are compared with the first one"""
     seed: int = parameter(0, minimum=0)
     """seed of the first random stop"""
     ablate: bool = parameter(False)

@@ -224,7 +224,7 @@ class Trials:
 
 
 def front(trials: Iterable[Trial]) -> tuple[Trial, ...]:
-    """Return the Pareto front of the worst rotation and distance over the situations of a trial.
+    """Return the trials on the Pareto front of worst rotation and worst distance.
 
     Returns:
         Trials sorted by distance, with decreasing rotation; trials in which the vehicle does not

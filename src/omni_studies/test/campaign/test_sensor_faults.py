@@ -17,7 +17,7 @@ from omni_studies.campaign.sensor_faults import (
 
 
 def bound(limit: float | None) -> float:
-    """Return a limit that is not None."""
+    """Return a limit, which must not be None."""
     assert limit is not None
     return limit
 
@@ -334,7 +334,10 @@ def test_a_shared_scale_error_puts_all_brakes_on(
 
 @pytest.mark.parametrize("imu", [True, False])
 def test_all_brakes_act_from_the_onset_of_a_brake_fault(stops: FaultyStops, imu: bool) -> None:
-    """A fault before the stop gives the reference stop, a fault after it the assisted stop."""
+    """The rotation is that of the reference stop for a fault before the stop.
+
+    For a fault after the stop, it is that of the assisted stop.
+    """
     setting = Setting("sliding_mode", imu, "straight_line")
     before, during, after = (
         stops.run(setting, Fault("brake", "brake", 1, onset, 0.0, 0.1))

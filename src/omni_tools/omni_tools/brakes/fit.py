@@ -325,12 +325,11 @@ def _search(equations: Sequence[StopEquations]) -> Any:
 
 
 def _standard_errors(jacobian: FloatArray, left: FloatArray) -> FloatArray:
-    """Return standard errors of P unknowns, shape (P,).
+    """Return standard errors of P unknowns that also hold for correlated residuals, shape (P,).
 
-    Correlated residuals contain less information than the same number of independent residuals.
-    Therefore the variance of an unknown also includes the autocovariances of the rows' influences
-    on this unknown, up to the first lag without positive autocovariance (White 1980, Bartlett
-    1946).
+    The variance of an unknown is the sum of the autocovariances of the rows' contributions to this
+    unknown, from lag zero up to the first lag at which they are not positive (White 1980, Bartlett
+    1946). Independent residuals have an autocovariance only at lag zero.
 
     Args:
         jacobian: derivatives of the residuals with respect to the unknowns, shape (K, 3, P).
@@ -352,7 +351,7 @@ def _standard_errors(jacobian: FloatArray, left: FloatArray) -> FloatArray:
 def _wheel_torques(
     equations: Sequence[StopEquations], dead_time: float, time_constant: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Return a separate torque for the brake of each wheel, with equal and fixed times.
+    """Return a separate torque for the brake of each wheel; the times are given.
 
     Args:
         equations: equations of the stops.

@@ -207,9 +207,8 @@ def exchanged(response: Response) -> tuple[int, int] | None:
 
     For each wheel, measured and predicted torque are correlated. The mean over all wheels is
     subtracted from both before, because the pedal acts on all brakes at once. The result is the
-    pair whose exchange increases the sum of the correlations most. It is None if no exchange
-    increases the sum clearly above that of the order in the vehicle's file, or if a brake would
-    be idle even after the exchange.
+    pair whose exchange increases the sum of the correlations most. It is None if the increase is
+    at most `Tolerances.gain`, or if a brake would be idle even after the exchange.
     """
     pair, best, least = _best_exchange(response)
     if best <= least:

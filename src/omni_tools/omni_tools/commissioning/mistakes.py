@@ -351,7 +351,7 @@ def _scale_mistakes(quantity: str, of_sign: str, of_scale: str, scale: float) ->
 def _mounting_mistakes(
     sensor: str, forward: FloatArray, left: FloatArray, tolerance: float
 ) -> Iterator[Mistake]:
-    """Yield the error of a sensor's axes.
+    """Yield the error of a sensor's axes, if there is one.
 
     Args:
         sensor: name of the sensor.

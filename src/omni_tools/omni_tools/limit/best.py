@@ -96,7 +96,8 @@ class Transcription(NamedTuple):
         end_speed: speed at which a stop ends [m/s].
         smooth_speed: minimum denominator of the slip, which makes the slip a smooth function [m/s].
         rise_time: time in which a brake rises from zero to full torque [s].
-        released: rim speed below which a brake torque of either sign is allowed [m/s].
+        released: rim speed below which a brake torque may have either sign, as on a wheel that it
+            holds at rest [m/s].
         least_load: lower limit on the load of a wheel [N].
         smoothing: weight of torque changes in the objective; a positive weight makes the solution
             unique.

@@ -172,8 +172,8 @@ def straight_sketch(
 ) -> float:
     """Return an upper estimate of `straight_bound` [m] from a few linear programs.
 
-    A run that is longer than the sketch is also longer than the bound, so the bound is not needed.
-    The torque during build-up is rounded down.
+    A run that is longer than this estimate is also longer than the bound, so the bound is not
+    needed. While the brake torque builds up, it is rounded down.
     """
     cases = _Straight(vehicle, ground, maneuver, sketch=True)
     if _strongest([cases.first()]) <= _LEAST:

@@ -17,14 +17,14 @@ if TYPE_CHECKING:
 class FileOptions(Configuration):
     """Command-line options for the layout of lines in pictures and in raw bytes."""
 
-    rows: str = parameter("")
+    rows: str = option("", metavar="ROWS")
     """rows of each picture to use, such as 240 or 236:244 (default: all)"""
     band: bool = parameter(False)
     """average these rows into one line per picture"""
     columns: bool = parameter(False)
     """use the columns of the pictures as lines"""
     pixels: int = option(0, minimum=0, maximum=16384, unit="px")
-    """number of pixels per line in raw bytes"""
+    """number of pixels per line in raw bytes, which cannot be read without it"""
     bits: str = parameter("8", choices=("8", "16"))
     """number of bits per pixel in raw bytes"""
 

@@ -154,7 +154,7 @@ class Rig:
     def drive(
         self, start: FloatArray, twist: FloatArray, batches: int, first: int = 0
     ) -> Iterator[dict[str, LineBatch]]:
-        """Yield consecutive batches with a duration of `BATCH_TIME`.
+        """Yield consecutive batches of duration `BATCH_TIME`, keyed by camera name.
 
         Args:
             start: x, y [m] and yaw [rad] at line 0, shape (3,).

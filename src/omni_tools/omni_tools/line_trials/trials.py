@@ -35,7 +35,7 @@ def within_95(ratio: FloatArray) -> BoolArray:
 def undetected(
     ratio: FloatArray, error: FloatArray, least: float = 0.05, deviations: float = 4.0
 ) -> BoolArray:
-    """Return whether each velocity error is undetected: too large for the stated deviation.
+    """Return whether each velocity error is undetected: far above its stated deviation, (m,).
 
     Args:
         ratio: ratio of error to stated standard deviation [1], NaN if unmeasured, shape (m,).
@@ -92,7 +92,7 @@ class Matches(NamedTuple):
 
     @property
     def right(self) -> BoolArray:
-        """Whether the displacement of each pair is correct within one pixel."""
+        """Whether the displacement of each pair is correct within one pixel, shape (m,)."""
         return np.abs(self.pixel_error) <= 1.0
 
     @property
@@ -107,7 +107,7 @@ class Matches(NamedTuple):
 
     @property
     def usable(self) -> BoolArray:
-        """Whether each pair is similar enough for the odometry to use it."""
+        """Whether each pair is similar enough for the odometry to use it, shape (m,)."""
         return self.similarity >= OdometryConfiguration.minimum_correlation
 
     @property

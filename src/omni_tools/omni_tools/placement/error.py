@@ -111,7 +111,12 @@ class MeanError(NamedTuple):
         return weight[..., None] * _elements(a_x, a_y, lever)
 
     def value(self, information: FloatArray) -> FloatArray:
-        """Return E [m/s], shape (...), from sums of `information`, shape (..., M, 6)."""
+        """Return the mean twist error E of placements [m/s], shape (...).
+
+        Args:
+            information: `information` of each placement, summed over its cameras, shape (..., M,
+                6).
+        """
         return np.sqrt(total_variance(information) @ self.mix.share)
 
     def mean_error(self, poses: FloatArray) -> float:
@@ -157,14 +162,23 @@ class ConditionNumber:
     """
 
     def information(self, poses: FloatArray) -> FloatArray:
-        """Return the elements of ``a^T a``, shape (..., 1, 6), for `poses` of shape (..., 3)."""
+        """Return the distinct elements of ``a^T a`` of a camera at each pose, shape (..., 1, 6).
+
+        Args:
+            poses: x, y [m] and heading [rad] of the axis, shape (..., 3).
+        """
         x, y, heading = (poses[..., i] for i in range(3))
         a_x, a_y = np.cos(heading), np.sin(heading)
         lever = x * a_y - y * a_x
         return _elements(a_x, a_y, lever)[..., None, :]
 
     def value(self, information: FloatArray) -> FloatArray:
-        """Return condition numbers, shape (...), from summed `information` of shape (..., 1, 6)."""
+        """Return the condition numbers of placements [1], shape (...); infinite if singular.
+
+        Args:
+            information: `information` of each placement, summed over its cameras, shape (..., 1,
+                6).
+        """
         eigenvalues = np.linalg.eigvalsh(information[..., 0, _FULL])
         smallest, largest = eigenvalues[..., 0], eigenvalues[..., 2]
         singular = smallest <= _SINGULAR * largest

@@ -336,7 +336,7 @@ class _Search:
         return float(values[best]), places[best]
 
     def _make_candidates(self, unit: _Unit) -> tuple[FloatArray, FloatArray]:
-        """Return the K coarse grid positions at which a unit fits, with the information there.
+        """Return the K poses of the coarse grid at which a unit fits, and their information.
 
         Returns:
             Poses of the first camera, shape (K, 3); information matrices, shape (K, g, M, 6).

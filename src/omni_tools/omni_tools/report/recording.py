@@ -29,7 +29,7 @@ _METERS_PER_NEWTON = 1e-4  # scale of the simulator's arrows [m/N]
 
 
 class Series(NamedTuple):
-    """Time series of K values at M stamps other than those of the run's history.
+    """Time series of K values, whose M stamps differ from the control stamps of the history.
 
     Attributes:
         stamp_ns: stamps [ns], increasing, shape (M,).

@@ -140,7 +140,7 @@ def test_wheels_that_lock_at_once_say_so_little_that_the_fit_is_refused() -> Non
 
 
 def on_blocks(torque: float, dead_time: float, tau: float, start: float) -> BrakeData:
-    """Return raised wheels that turn at 20 rad/s until their brakes are applied."""
+    """Return the data of a vehicle on blocks, whose wheels turn at 20 rad/s until it brakes."""
     vehicle = ExperimentLibrary(CONFIG).vehicle("mecanum_forklift")
     fine, wheels = np.arange(0.0, 1.0, 1e-4), len(vehicle.wheels)
     since = np.maximum(fine - start - dead_time, 0.0)

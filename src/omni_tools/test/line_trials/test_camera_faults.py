@@ -54,7 +54,7 @@ def frozen(lines: Lines) -> Lines:
 
 
 def measure(odometry: LineScanOdometry, lines: Mapping[str, Lines]) -> list[TwistEstimate]:
-    """Return the estimates after each batch, without the first line."""
+    """Return the estimate after each batch, except after the single first line."""
     estimates = []
     for end in range(1, len(next(iter(lines.values()))) + 1, BATCH):
         stamp_ns = round(1e9 * (end - 1) / RATE)
@@ -73,7 +73,10 @@ def drive(
     kind: str = "cork",
     heading: float = 0.4,
 ) -> tuple[list[TwistEstimate], NDArray[np.float64]]:
-    """Return the estimates after each batch; the first camera fails at line `onset`."""
+    """Return the estimate after each batch, and the true twist [m/s, m/s, rad/s], shape (3,).
+
+    The first camera fails at line `onset`.
+    """
     sensors = tangential(0.6, PROTOTYPE, cameras)
     array = Rig(sensors, ground(kind), 1.0, seed=2).array
     odometry = LineScanOdometry(OdometryConfiguration(sensors=sensors))

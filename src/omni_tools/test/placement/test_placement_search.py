@@ -58,7 +58,7 @@ class Disc(MountingArea):
 
 @pytest.mark.parametrize("count", [3, 4])
 def test_on_a_free_disc_equal_sensors_reach_the_bound(count: int) -> None:
-    """Levers are at most R and axes are unit vectors: s^2 (4/N + g^2/(N R^2))."""
+    """Levers are at most R and axes are unit vectors, so E^2 >= s^2 (4/N + g^2/(N R^2))."""
     wheels = LIBRARY.vehicle("mecanum_forklift").wheels
     area = Disc(Scene(1.2, 1.2, wheels), VIEW, 0.02, 0.0)
     criterion = MeanError(VIEW, SensorError(1e-6, 0.0), MotionMix.of(1e-6, 0.0, (1, 0, 0, 0)), 0.4)

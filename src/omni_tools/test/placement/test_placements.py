@@ -120,7 +120,7 @@ def test_two_sensors_need_the_constraint() -> None:
 def test_crossed_cameras_are_the_two_sensors_of_figure_55(
     twist: Twist, ground: GroundTexture
 ) -> None:
-    """Weighted least squares times dt is (73)-(75) to the first order."""
+    """The twist by weighted least squares, times dt, agrees with Eqs. (73)-(75) to first order."""
     dt = BATCH / 2500.0
     for estimate in drive(load("two_crossed"), ground, twist):
         speed = {name: reading.velocity for name, reading in estimate.readings.items()}

@@ -51,7 +51,7 @@ def _is_inside(points: NDArray[np.float64], polygon: NDArray[np.float64]) -> NDA
 
 
 def _swept(configuration: ExperimentConfiguration, start: float) -> NDArray[np.float64]:
-    """Return the footprint at every stamp in the frame at the alarm."""
+    """Return the corners of the footprint at all stamps, in the frame at the alarm [m], (P, 2)."""
     run = run_fast_loop(configuration)
     chassis = footprint(configuration.vehicle)
     pose = run.pose[round(start * 100) :]
