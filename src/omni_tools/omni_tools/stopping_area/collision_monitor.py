@@ -43,7 +43,7 @@ def area_metrics(
     held_out: Sequence[area.Sweep],
     stays: Sequence[bool],
 ) -> dict[str, Metric]:
-    """Return the share of held-out stops that leave their area, and the size of each area."""
+    """Return metrics: share of held-out stops that leave their area, and size of each area."""
     allowed = round(1.0 - options.coverage, 12)  # removes the rounding error of 1 - coverage
     extreme = [campaign.extreme(sweep.seed) for sweep in held_out]
     metrics = {}

@@ -1,5 +1,6 @@
 """Figure of stopping areas: one panel for each direction of motion, a shade for each speed."""
 
+import re
 from collections.abc import Sequence
 
 import numpy as np
@@ -16,7 +17,7 @@ from omni_tools.stopping_area.area import SECTORS, Cell, corners, footprint
 def areas_figure(
     cells: Sequence[Cell], limits: FloatArray, vehicle: VehicleConfiguration, title: str
 ) -> Figure:
-    """Draw the stopping areas of straight motion, or of all motions without yaw-rate bands.
+    """Draw the stopping areas of all cells that contain motions without rotation.
 
     Args:
         cells: cells of the motions.
@@ -27,14 +28,14 @@ def areas_figure(
     shown = [
         (cell, corners(limit))
         for cell, limit in zip(cells, limits, strict=True)
-        if cell.yaw_rate[0] < 0.0 < cell.yaw_rate[1]
+        if cell.yaw_rate[0] <= 0.0 <= cell.yaw_rate[1]
     ]
     reach = max(float(np.max(np.abs(points))) for _, points in shown) * 1.05
     words = f"Stopping areas of {title}; x forward, y left [m]"
     figure, grid = style.panels(words, 2, 4, size=(12.0, 7.0), sharex=True, sharey=True)
     fastest = max(cell.speed[1] for cell in cells)
     for axes, sector in zip(grid.flat, SECTORS, strict=True):
-        chosen = [(cell, points) for cell, points in shown if _sector(cell) == sector]
+        chosen = [item for item in shown if re.split(r"_\d", item[0].name)[0] == sector]
         for cell, points in sorted(chosen, key=lambda item: -item[0].speed[1]):
             paleness = 0.2 + 0.65 * cell.speed[1] / fastest
             face = np.array(to_rgb(style.BLUE)) * (1.0 - paleness) + paleness
@@ -50,7 +51,3 @@ def areas_figure(
         axes.set_aspect("equal")
     style.legend_below(figure, 4)
     return figure
-
-
-def _sector(cell: Cell) -> str:
-    return cell.name.rstrip("_abcdefghijklmnopqrstuvwxyz").rstrip("0123456789").rstrip("_")

@@ -16,6 +16,7 @@ from omni_loop.experiment import ExperimentConfiguration, ExperimentLibrary
 from omni_platform.configuration import ConfigurationError
 from omni_tools.stopping_area.area import (
     DIRECTIONS,
+    SECTORS,
     StopCampaign,
     Sweep,
     areas,
@@ -26,6 +27,7 @@ from omni_tools.stopping_area.area import (
     make_cells,
     support,
 )
+from omni_tools.stopping_area.figure import areas_figure
 
 CONFIG = Path(__file__).resolve().parents[4] / "config"
 STOP = [
@@ -118,6 +120,15 @@ def test_every_motion_has_an_area() -> None:
             == 1
         )
     assert len({cell.name for cell in cells}) == len(cells) == 3 * 8 * 3
+
+
+@pytest.mark.parametrize("turns", [1, 2, 3, 5])
+def test_the_areas_of_every_direction_are_drawn(turns: int) -> None:
+    cells, vehicle = make_cells(2.0, 1, 0.5, turns), _experiment().vehicle
+    figure = areas_figure(cells, np.full((len(cells), DIRECTIONS), 2.0), vehicle, "stops")
+    chassis_and_nose, areas_of_straight_motion = 2, 1 if turns % 2 else 2
+    drawn = [len(axes.patches) for axes in figure.axes]
+    assert drawn == [chassis_and_nose + areas_of_straight_motion] * len(SECTORS)
 
 
 def test_growth_is_that_of_the_stop_that_needs_most() -> None:
