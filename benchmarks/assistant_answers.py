@@ -112,7 +112,7 @@ def main() -> None:
 
 
 def stop_and_go(run: FastRun) -> FloatArray:
-    """Return the frames (see `Vehicle`) of a stop and of an acceleration to the initial speed."""
+    """Return the frames of a stop and of an acceleration to the initial speed, as in `Vehicle`."""
     moving = np.column_stack([run.twist, run.wheel_speed])
     share = np.arange(0.0, 1.0, PERIOD / SPEED_UP)[:, np.newaxis]
     moving = np.vstack([moving, moving[-1] + share * (moving[0] - moving[-1])])

@@ -364,7 +364,7 @@ def _still_assists(run: FastRun, configuration: ExperimentConfiguration, fault: 
 
 
 class Limits(NamedTuple):
-    """Limits on the results of stops whose faults have a given extent; None if there is no limit.
+    """Limits on the results of stops whose faults have a given extent; None for no limit.
 
     Attributes:
         distance: limit on the distance, divided by the distance of the reference stop [1].

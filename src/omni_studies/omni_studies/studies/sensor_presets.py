@@ -118,7 +118,7 @@ def _speeds(
     right: Mapping[str, FloatArray],
     needed: float,
 ) -> dict[str, Metric]:
-    """Return the computed, the confirmed and the measurable maximum speed of a camera.
+    """Return the maximum speeds of a camera (computed, confirmed, measurable) as metrics.
 
     Args:
         name: name of the camera.
@@ -170,7 +170,7 @@ def _driven(
     radius: float = 0.6,
     batches: int = 8,
 ) -> dict[str, Metric]:
-    """Return availability and velocity error of the odometry with three cameras.
+    """Return the metrics availability and velocity error of the odometry with three cameras.
 
     The platform moves at ``sensor.sideways_speed``, in one test ahead and in another sideways.
 

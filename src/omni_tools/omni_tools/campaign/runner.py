@@ -138,8 +138,8 @@ def run_campaign(
 
     Raises:
         ConfigurationError: the options are invalid, or a table belongs to another campaign.
-        CampaignError: several cluster workers in a row died with the same run.
-        KeyboardInterrupt: Ctrl-C was pressed; the message names the table that is kept.
+        CampaignError: several workers in a row died with the same runs.
+        KeyboardInterrupt: Ctrl-C was pressed; the message states how many runs are kept.
     """
     piece = options.piece(seeds)
     table: ResultTable[Row] = ResultTable(path, row, fingerprint, resume=options.resume)

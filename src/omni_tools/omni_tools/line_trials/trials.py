@@ -28,7 +28,7 @@ ERROR_COLUMNS = ("mean_error_px", "rmse_px", "rmse_mm", "rmse_percent_of_speed")
 
 
 def within_95(ratio: FloatArray) -> BoolArray:
-    """Return whether each ratio of error to stated standard deviation is within +-1.96."""
+    """Return whether each ratio of error to stated deviation is within +-1.96, same shape."""
     return np.abs(ratio) <= 1.96
 
 
@@ -87,7 +87,7 @@ class Matches(NamedTuple):
 
     @property
     def pixel_error(self) -> FloatArray:
-        """Measured minus true displacement, both rounded to whole pixels, Eq. (84) [px]."""
+        """Measured minus true displacement, both in whole pixels, Eq. (84) [px], shape (m,)."""
         return _whole_error(self.shift, self.truth)
 
     @property
@@ -97,7 +97,7 @@ class Matches(NamedTuple):
 
     @property
     def error(self) -> FloatArray:
-        """Refined minus true displacement, without rounding [px]."""
+        """Refined minus true displacement, without rounding [px], shape (m,)."""
         return self.displacement - self.truth
 
     @property

@@ -62,7 +62,7 @@ class MountingArea:
         return np.asarray((extent_x <= limit[0]) & (extent_y <= limit[1]))
 
     def wheel_in_the_way(self, poses: FloatArray) -> IntArray:
-        """Return, for each pose, the index of a wheel too close to the camera; -1 without one."""
+        """Return for each pose the index of a wheel too close to the camera, (...); -1 if none."""
         found = np.full(poses.shape[:-1], -1, np.int64)
         for index, (wheel, half) in enumerate(self._wheels):
             close = _overlap(poses, self._grown(), wheel, half)
@@ -161,10 +161,10 @@ def ring(count: int, radius: float, turn: float, start: float = 0.0) -> FloatArr
 
 
 def tangential(radius: float, prototype: LineSensor, count: int = 3) -> dict[str, LineSensor]:
-    """Return line cameras at equal angles on a circle about base_link, with tangential axes.
+    """Return line cameras with tangential axes at equal angles on a circle, keyed by name.
 
     Args:
-        radius: radius of the circle [m].
+        radius: radius of the circle about base_link [m].
         prototype: camera whose field of view and line rate all cameras have.
         count: number of cameras.
     """
@@ -177,6 +177,8 @@ def tangential(radius: float, prototype: LineSensor, count: int = 3) -> dict[str
 
 def common_placements(area: MountingArea, count: int, step: float = 0.005) -> dict[str, FloatArray]:
     """Return three common placements on the largest circle on which tangential cameras fit.
+
+    They are keyed by name.
 
     Args:
         area: mounting area of the chassis.
@@ -205,7 +207,7 @@ _SECTORS = (
 
 
 def named(poses: FloatArray, view: View, *, rounded: bool = True) -> dict[str, LineSensor]:
-    """Return cameras at the given poses; the name of a camera describes its position.
+    """Return cameras at the given poses, keyed by names that describe their positions.
 
     A heading outside -90 to 90 deg is reversed, so that a camera along x measures forward motion as
     positive.

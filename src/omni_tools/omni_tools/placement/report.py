@@ -73,7 +73,7 @@ def _metrics(
 def column(
     placement: EvaluatedPlacement, trial: design.PlacementTrial | None, gyration: float
 ) -> dict[str, Metric]:
-    """Return the values in one placement's column of the table, with velocities in mm/s.
+    """Return the values in a placement's column of the table, keyed by metric; velocities in mm/s.
 
     Args:
         placement: the placement.

@@ -162,7 +162,7 @@ def _vehicle(name: str, measured: Measured) -> str:
 
 
 def _mecanum_wheels(measured: Measured) -> dict[str, dict[str, float]]:
-    """Return wheels in pairs whose rollers form an X seen from above."""
+    """Return wheels in pairs whose rollers form an X seen from above, keyed by name."""
     radius = measured.wheel_radius
     x = measured.length / 2.0 - radius
     y = measured.width / 2.0 - _USUAL.wheel_width * radius
@@ -185,7 +185,7 @@ def _mecanum_wheels(measured: Measured) -> dict[str, dict[str, float]]:
 
 
 def _omni_wheels(measured: Measured) -> dict[str, dict[str, float]]:
-    """Return wheels on a circle with radial axles and rollers at 0 deg (Eq. (34))."""
+    """Return wheels on a circle with radial axles and roller angle 0, keyed by name; Eq. (34)."""
     out = min(measured.length, measured.width) / 2.0 - _USUAL.wheel_width * measured.wheel_radius
     wheels = {}
     # Symmetric about x, without a wheel on the x axis in front.

@@ -45,13 +45,13 @@ class WheelFacts:
 
 
 def plain(value: float) -> str:
-    """Return a number with three significant digits, without an exponent."""
+    """Return a number as text with three significant digits; large ones without an exponent."""
     words = f"{value:.3g}"
     return f"{float(words):.0f}" if "e+" in words else words
 
 
 def wheel_facts(vehicle: VehicleConfiguration, friction: float = 1.0) -> dict[str, WheelFacts]:
-    """Return load, friction capacity and brake force of each wheel of a vehicle at rest.
+    """Return load, friction capacity and brake force of the wheels at rest, keyed by wheel.
 
     Args:
         vehicle: vehicle with any number of wheels; the loads are computed for a rigid chassis.

@@ -50,7 +50,7 @@ class Rollers(NamedTuple):
 
 
 def roller_remarks(wheels: Mapping[str, WheelMount], poor: float = 0.5) -> tuple[str, ...]:
-    """Return a sentence for each roller angle whose sign is implausible.
+    """Return a sentence about roller angles with implausible signs; empty if there are none.
 
     Args:
         wheels: wheels of a platform.
