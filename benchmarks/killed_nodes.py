@@ -1,9 +1,9 @@
-"""Disturb runs by killing a node, halting it, or halting and resuming it.
+"""Disturb runs: kill, terminate or halt a node, or halt and resume it.
 
 ``./omni exec python benchmarks/killed_nodes.py`` disturbs every node at 20 random moments, in
-lockstep and in real time. No such run may end with exit code 0, and no vehicle may stop worse than
-both the undisturbed run and the run without the assistant. The program prints the runs that do; its
-exit code is then 1.
+lockstep and in real time. No such run may end with exit code 0, and no stop may be much longer, or
+rotate the vehicle much more, than the worst of the undisturbed and unassisted stops. The program
+prints the runs that violate this rule; if there are any, its exit code is 1.
 """
 
 import argparse

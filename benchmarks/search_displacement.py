@@ -3,12 +3,13 @@
     python benchmarks/search_displacement.py [--json]
 
 The benchmark prints medians over repeated batches of 25 lines, on one core. There are two rows for
-each number n of pixels: the full search over shifts up to +/- n/2 by Pearson's correlation, and
-this search with sub-pixel refinement. The last rows compare the speed of the full search with two
-other methods over the same shifts: `scipy.spatial.distance.pdist`, called for every shift, and
-OpenCV's `matchTemplate` without normalization, on one thread. For `matchTemplate`, a batch contains
-the lines of a control period of 10 ms: 1024 px at 2500 lines/s, 335 px at 2985 lines/s (LIS-770i)
-or 128 px at 15600 lines/s (S3901). Without OpenCV this comparison is omitted. Install OpenCV by
+each number n of pixels and each bit depth: the full search over shifts up to +/- n/2 by Pearson's
+correlation, and this search with sub-pixel refinement. The last rows compare the speed of the full
+search with two other methods over the same shifts: `scipy.spatial.distance.pdist`, called for every
+shift, and OpenCV's `matchTemplate` without normalization, on one thread. For `matchTemplate`, a
+batch contains the lines of a control period of 10 ms: 1024 px at 2500 lines/s, 335 px at 2985
+lines/s (LIS-770i) or 128 px at 15600 lines/s (S3901). Without OpenCV this comparison is omitted.
+Install OpenCV by
 
     ./omni exec python -m pip install --no-deps --require-hashes -r requirements/opencv.lock
 """

@@ -34,7 +34,7 @@ def _sections(group: Any, above: str, level: int) -> Iterator[str]:
 
     Args:
         group: module with a ``PACKAGE`` of commands.
-        above: words of the command line before the name of a command, such as ``omni bag``.
+        above: words of the command line before the name of a command, such as ``./omni bag``.
         level: level of the headings.
     """
     for name in commands.commands_of(group.PACKAGE):

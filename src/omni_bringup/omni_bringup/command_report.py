@@ -28,7 +28,7 @@ class Report:
         hints: lines printed at the end, such as how to use the files.
         summary: folder in which the document is stored as ``summary.json``; None not to store it.
         problems: sentences for standard error; if there are any, the exit code is 1.
-        ok: whether the result meets the limits in the options; if False, the exit code is 1.
+        ok: False if a check failed or a limit in the options is missed; the exit code is then 1.
     """
 
     name: str = ""
@@ -101,7 +101,7 @@ def estimate_table(metrics: Mapping[str, Mapping[str, Any]]) -> Table:
 
 
 def make_folder(folder: Path) -> Path:
-    """Create a folder for results, which are computed later, and return its absolute path.
+    """Create a folder before its results are computed, and return its absolute path.
 
     Raises:
         ConfigurationError: the folder cannot be created.

@@ -40,7 +40,7 @@ def _cases(group: Any, path: str, names: dict[str, list[str]]) -> Iterator[tuple
     Args:
         group: module with a ``PACKAGE`` of commands.
         path: words of the command line before the name of a command; empty for all commands.
-        names: names of the configuration files, keyed by kind.
+        names: names of the items of ``./omni list``, keyed by kind.
     """
     known = [*commands.commands_of(group.PACKAGE), *(["test"] if not path else [])]
     yield path, " ".join(known)

@@ -29,7 +29,7 @@ class Options(CommandOptions):
     """Options of ``omni doctor``."""
 
     parameters: Path | None = option(None, metavar="DIR")
-    """folder written by ./omni ros-params, whose warning about the source of the twist is shown"""
+    """folder written by ./omni ros-params, to check for a warning about the source of the twist"""
 
 
 class TroubleError(Exception):

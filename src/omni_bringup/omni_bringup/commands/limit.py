@@ -37,11 +37,11 @@ class Options(CommandOptions):
     vehicle: str | None = option(None)
     """vehicle instead of an experiment: a file of config/vehicles/, a path, or a folder"""
     speed: float | None = option(None, unit="m/s", minimum=0.0, maximum=50.0)
-    """speed before braking (default: 10)"""
+    """speed of --vehicle before braking (default: 10)"""
     direction: float | None = option(None, unit="deg", minimum=-360.0, maximum=360.0)
-    """direction of motion, counter-clockwise from forward (default: 0)"""
+    """direction of motion of --vehicle, counter-clockwise from forward (default: 0)"""
     friction: float | None = option(None, minimum=0.0, maximum=2.0)
-    """friction factor of the ground (default: 1)"""
+    """friction factor of the ground under --vehicle (default: 1)"""
     best: bool = option(False)
     """also plan the shortest stops for several allowed rotations, and draw them together with
     the stops of the laws; takes minutes, requires CasADi"""

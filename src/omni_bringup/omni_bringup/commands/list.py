@@ -1,4 +1,4 @@
-"""``./omni list``: list vehicles, grounds, sensors, experiments, tires and studies.
+"""``./omni list``: list vehicles, grounds, sensors, experiments, tires, studies and laws.
 
 Print names and descriptions; ./omni show NAME shows one of them.
 """

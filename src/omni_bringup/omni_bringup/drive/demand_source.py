@@ -1,7 +1,8 @@
 """Selection of the driver's demands: from a page or `cmd_vel`, with a dead man's switch.
 
-Both a page in a browser and a publisher of `cmd_vel` (a teleoperation node) may send demands. The
-vehicle brakes fully
+Both a page in a browser and a publisher of `cmd_vel` (a teleoperation node) may send demands. An
+open page has priority; while it demands neither motion nor braking, `cmd_vel` is used. The vehicle
+brakes fully
 
 - until one of these two sources sends its first demand,
 - while a page is open but sends nothing (hidden tab, halted browser, lost connection),

@@ -38,7 +38,8 @@ class Enables:
     ) -> dict[str, Received]:
         """Receive messages of the simulator until it ends; return them, keyed by topic.
 
-        Under the key ``twist`` are the messages of the first source that publishes a twist.
+        Under the key ``twist`` are the messages of the first of three sources that publishes:
+        odometry, velocity sensor, front camera.
 
         Args:
             partner: node of this process.

@@ -71,7 +71,7 @@ def read_batches(
         duration: duration of the part to read [s].
 
     Raises:
-        BagError: a message cannot be read, or a camera has no messages.
+        BagError: a message cannot be read, or a camera has no lines in this part.
     """
     names = {topics.lines(name).path: name for name in sensors}
     batches: dict[str, list[LineBatch]] = {name: [] for name in names.values()}

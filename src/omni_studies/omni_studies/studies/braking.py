@@ -111,7 +111,8 @@ def run_experiment(
     """Run every variant of an experiment in one process.
 
     If the feedback is the velocity sensor, the fast loop is used. If it is the line-scan odometry,
-    the loop with rendered cameras is used.
+    the loop with rendered cameras is used. A variant with fault detection in the fast loop is also
+    run without it, as ``VARIANT_twist_alone``.
 
     Args:
         library: library that contains the experiment file.

@@ -125,7 +125,7 @@ def _pattern_of(
         odometry: configuration of the odometry.
         name: name of the camera.
         batches: recorded lines of this camera, oldest first.
-        tables: folder of the correction tables.
+        tables: file of the camera's correction tables.
     """
     from linescan_odometry.sensor import SensorOdometry
 
