@@ -89,7 +89,7 @@ def found(
     return [mistake.name for mistake in mistakes_in(wheels, signals, known, vehicle or described())]
 
 
-def exchanged(one: int, other: int) -> Callable[[np.ndarray], np.ndarray]:
+def swapped(one: int, other: int) -> Callable[[np.ndarray], np.ndarray]:
     def change(values: np.ndarray) -> np.ndarray:
         values[:, [one, other]] = values[:, [other, one]]
         return values

@@ -87,7 +87,7 @@ def run(options: Options, workspace: Workspace) -> Report:
                 for topic, what in missing.items()
             ),
             *[
-                "these stops cannot reveal an exchange of the brakes "
+                "these stops cannot reveal a swap of the brakes "
                 + ", ".join(map(" and ".join, undistinguished))
                 + "; add stops in other directions, with the assistant enabled"
             ]

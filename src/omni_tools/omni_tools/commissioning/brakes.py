@@ -1,4 +1,4 @@
-"""Tests for exchanged brakes, brakes without effect and a wrong dead time in a commissioning drive.
+"""Tests for swapped brakes, brakes without effect and a wrong dead time in a commissioning drive.
 
 The torque of each brake is estimated from slip and deceleration of its wheel. The estimate is
 compared with the demand that the brake should follow.
@@ -32,7 +32,7 @@ class Tolerances(NamedTuple):
             torque of all wheels [1].
         braked: minimum time integral of the demand while the wheel moves [s].
         mean_demand: minimum mean of the demand while the driver brakes and the wheel moves [1].
-        gain: two brakes count as exchanged if their exchange increases the sum of correlations by
+        gain: two brakes count as swapped if their swap increases the sum of correlations by
             more than this value [1].
         delay: limit on the difference between the measured dead time and that in the vehicle's file
             [s].
@@ -82,8 +82,8 @@ class Response(NamedTuple):
     limit: FloatArray
     brake: BrakeConfiguration
 
-    def exchanged(self, i: int, j: int) -> "Response":
-        """Return a copy of this response in which the demands of brakes i and j are exchanged."""
+    def swapped(self, i: int, j: int) -> "Response":
+        """Return a copy of this response in which the demands of brakes i and j are swapped."""
         demand = self.demand.copy()
         demand[:, [i, j]] = demand[:, [j, i]]
         return self._replace(demand=demand)
@@ -202,31 +202,31 @@ def _late(response: Response) -> int:
     return max(rows, key=lambda row: _correlation(torque[near], _earlier(action, near, row)))
 
 
-def exchanged(response: Response) -> tuple[int, int] | None:
-    """Return the indices of two exchanged brakes; None if no exchange is found.
+def swapped(response: Response) -> tuple[int, int] | None:
+    """Return the indices of two swapped brakes; None if no swap is found.
 
     For each wheel, measured and predicted torque are correlated. The mean over all wheels is
     subtracted from both before, because the pedal acts on all brakes at once. The result is the
-    pair whose exchange increases the sum of the correlations most. It is None if the increase is
-    at most `Tolerances.gain`, or if a brake would be idle even after the exchange.
+    pair whose swap increases the sum of the correlations most. It is None if the increase is
+    at most `Tolerances.gain`, or if a brake would be idle even after the swap.
     """
-    pair, best, least = _best_exchange(response)
+    pair, best, least = _best_swap(response)
     if best <= least:
         return None
-    # A brake that has no effect even after the exchange is idle, not exchanged.
-    return pair if idle(response.exchanged(*pair)) is None else None
+    # A brake that has no effect even after the swap is idle, not swapped.
+    return pair if idle(response.swapped(*pair)) is None else None
 
 
-def _best_exchange(response: Response) -> tuple[tuple[int, int], float, float]:
-    """Return the exchange of two brakes that agrees best with the measured torques.
+def _best_swap(response: Response) -> tuple[tuple[int, int], float, float]:
+    """Return the swap of two brakes that agrees best with the measured torques.
 
     Returns:
-        Indices of the two brakes; agreement (`_agreement`) after this exchange; limit that the
+        Indices of the two brakes; agreement (`_agreement`) after this swap; limit that the
         agreement must exceed, so that the order in the vehicle's file counts as wrong.
     """
     late = _late(response)
     pairs = itertools.combinations(range(response.torque.shape[1]), 2)
-    scores = {pair: _agreement(response.exchanged(*pair), late) for pair in pairs}
+    scores = {pair: _agreement(response.swapped(*pair), late) for pair in pairs}
     best = max(scores, key=lambda pair: scores[pair])
     return best, scores[best], max(_agreement(response, late), 0.0) + _ALLOWED.gain
 
@@ -247,20 +247,20 @@ def _agreement(response: Response, late: int) -> float:
 def inverted(response: Response, inverse: Response) -> bool:
     """Return whether the measured torques agree best with the inverse of the enables.
 
-    The alternatives are the enables in the order of the vehicle's file and with any two exchanged.
+    The alternatives are the enables in the order of the vehicle's file and with any two swapped.
 
     Args:
         response: response of the wheels to the enables.
         inverse: response of the wheels to 1 minus the enables.
     """
-    _, best, least = _best_exchange(response)
+    _, best, least = _best_swap(response)
     return _agreement(inverse, _late(inverse)) > max(best, least)
 
 
 def undistinguished(response: Response) -> list[tuple[int, int]]:
-    """Return the index pairs of brakes that `exchanged` would not find if they were exchanged."""
+    """Return the index pairs of brakes that `swapped` would not find if they were swapped."""
     pairs = itertools.combinations(range(response.torque.shape[1]), 2)
-    return [pair for pair in pairs if exchanged(response.exchanged(*pair)) != pair]
+    return [pair for pair in pairs if swapped(response.swapped(*pair)) != pair]
 
 
 def idle(response: Response) -> int | None:

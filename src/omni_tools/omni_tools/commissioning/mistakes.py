@@ -264,7 +264,7 @@ def _hypotheses(
 ) -> Iterator[tuple[list[tuple[str, str]], dict[str, WheelMount]]]:
     """Yield the mistakes of each hypothesis by name and remedy, and the corrected wheels.
 
-    The hypotheses are the best change of each wheel, which may be none, the best exchange of
+    The hypotheses are the best change of each wheel, which may be none, the best swap of
     wheels, and the same change of all wheels.
 
     Args:
@@ -291,7 +291,7 @@ def _hypotheses(
     moved = " and ".join(name for row, name in enumerate(names) if places[row] != row)
     if moved:
         order = {name: mounts[places[row]] for row, name in enumerate(names)}
-        yield [(f"wheels {moved} are exchanged", "exchange their encoders or names")], order
+        yield [(f"wheels {moved} are swapped", "swap their encoders or names")], order
     for of_all in zip(*map(_changes, mounts), strict=True):
         part, remedy, _ = of_all[0]
         changed = {name: mount for name, (_, _, mount) in zip(wheels, of_all, strict=True)}
@@ -366,7 +366,7 @@ def _mounting_mistakes(
     mean = heading + 0.5 * difference
     if abs(difference) > math.pi / 2:
         if abs(forward[1]) > abs(forward[0]):
-            yield Mistake(f"{sensor}: x and y are exchanged", "exchange them, and check the signs")
+            yield Mistake(f"{sensor}: x and y are swapped", "swap them, and check the signs")
         else:
             axis = "y" if forward[0] > 0.0 else "x"
             yield Mistake(f"{sensor}: {axis} has the wrong sign", f"negate its {axis}")
@@ -396,14 +396,14 @@ def _brake_mistakes(
     vehicle: VehicleConfiguration,
 ) -> Iterator[Mistake]:
     names, response = list(wheels), brakes.response_of(wheels, signals, motions, vehicle)
-    pair, idle = brakes.exchanged(response), brakes.idle(response)
+    pair, idle = brakes.swapped(response), brakes.idle(response)
     opposite = signals._replace(enable=1.0 - signals.enable)
     if brakes.inverted(response, brakes.response_of(wheels, opposite, motions, vehicle)):
         remedy = "1 must pass the demand and 0 release the brake: invert the outputs"
         yield Mistake("brakes: the enables act inversely", remedy)
     elif pair is not None:
         one, other = (names[row] for row in pair)
-        yield Mistake(f"brakes {one} and {other} are exchanged", "exchange their outputs")
+        yield Mistake(f"brakes {one} and {other} are swapped", "swap their outputs")
     elif idle is not None:
         remedy = "check its wiring, valve and power, and the order of the outputs"
         yield Mistake(f"brake {names[idle]} does not act", remedy)

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from made_drives import CONFIG, described, drive, exchanged, found
+from made_drives import CONFIG, described, drive, found, swapped
 
 from omni_loop.experiment import ExperimentLibrary
 from omni_platform.brakes import (
@@ -67,14 +67,14 @@ def test_weak_drives_and_heavy_wheels_are_no_mistake_but_their_idle_brakes_are(
     assert found(*idle, vehicle) == [f"brake {name} does not act"]
 
 
-def test_exchanged_brakes_of_velocity_drives_are_found(tmp_path: Path) -> None:
+def test_swapped_brakes_of_velocity_drives_are_found(tmp_path: Path) -> None:
     measured = Measured(length=1.3, width=1.16, mass=84.0, wheel_radius=0.178, brakes=VELOCITY)
     file, *_ = write_vehicle("robot", measured, tmp_path / "robot")
     vehicle = ExperimentLibrary(CONFIG).vehicle(str(file))
     wheels, signals, known = drive(str(file))
     names = list(wheels)
-    enable = exchanged(1, 2)(signals.enable.copy())
-    expected = [f"brakes {names[1]} and {names[2]} are exchanged"]
+    enable = swapped(1, 2)(signals.enable.copy())
+    expected = [f"brakes {names[1]} and {names[2]} are swapped"]
     assert found(wheels, signals._replace(enable=enable), known, vehicle) == expected
 
 
@@ -133,7 +133,7 @@ def test_a_wrong_dead_time_is_named(brakes: str, law: str, wrong: float) -> None
         (TORQUE, 3000.0, "allocation", 5),  # five of the six wheels get similar demands
     ],
 )
-def test_an_exchange_of_brakes_is_found_or_its_brakes_are_named_as_alike(
+def test_a_swap_of_brakes_is_found_or_its_brakes_are_named_as_alike(
     brakes: str, power: float, law: str, fewest: int
 ) -> None:
     limit, vehicle = f"vehicle.brake.max_power={power}", "six_wheel_mecanum"
@@ -148,6 +148,6 @@ def test_an_exchange_of_brakes_is_found_or_its_brakes_are_named_as_alike(
     shown = [pair for pair in pairs if tuple(name for _, name in pair) not in alike]
     assert len(shown) >= fewest
     for (one, first), (other, second) in shown:
-        enable = exchanged(one, other)(signals.enable.copy())
+        enable = swapped(one, other)(signals.enable.copy())
         names = found(wheels, signals._replace(enable=enable), known, known_vehicle)
-        assert names == [f"brakes {first} and {second} are exchanged"]
+        assert names == [f"brakes {first} and {second} are swapped"]

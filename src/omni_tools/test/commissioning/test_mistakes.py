@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
-from made_drives import CONFIG, Wheels, described, drive, exchanged, found, mistakes_in
+from made_drives import CONFIG, Wheels, described, drive, found, mistakes_in, swapped
 
 from omni_loop.experiment import ExperimentLibrary
 from omni_loop.recorded_run import Stream
@@ -92,8 +92,8 @@ def on_its_side(wheels: Wheels, signals: Signals) -> tuple[Wheels, Signals]:
 def mistakes() -> Iterator[tuple[str, Change]]:
     """Yield 57 errors: part of the expected name of the mistake, and the change that causes it."""
     for one, other in itertools.combinations(range(4), 2):
-        words = f"wheels {FORKLIFT[one]} and {FORKLIFT[other]} are exchanged"
-        yield words, of_signal("wheel_speed", exchanged(one, other))
+        words = f"wheels {FORKLIFT[one]} and {FORKLIFT[other]} are swapped"
+        yield words, of_signal("wheel_speed", swapped(one, other))
     for row, name in enumerate(FORKLIFT):
         signs = [-1.0 if column == row else 1.0 for column in range(4)]
         yield f"direction of wheel {name}", of_signal("wheel_speed", scaled(*signs))
@@ -118,10 +118,10 @@ def mistakes() -> Iterator[tuple[str, Change]]:
     yield "gyro: yaw rate is 5", of_signal("imu", scaled(math.degrees(1.0), 1, 1))
     yield "accelerometer: x has", of_signal("imu", scaled(1, -1, 1))
     yield "accelerometer: y has", of_signal("imu", scaled(1, 1, -1))
-    yield "accelerometer: x and y", of_signal("imu", exchanged(1, 2))
+    yield "accelerometer: x and y", of_signal("imu", swapped(1, 2))
     for one, other in itertools.combinations(range(4), 2):
-        words = f"brakes {FORKLIFT[one]} and {FORKLIFT[other]} are exchanged"
-        yield words, of_signal("enable", exchanged(one, other))
+        words = f"brakes {FORKLIFT[one]} and {FORKLIFT[other]} are swapped"
+        yield words, of_signal("enable", swapped(one, other))
     yield "the enables act inversely", of_signal("enable", lambda enable: 1.0 - enable)
     yield "dead time is about", delayed_by_60_ms
     for unit, shown in ((math.degrees(1), "5"), (30 / math.pi, "9"), (652.0, "6"), (0.05, "0.05")):
@@ -130,7 +130,7 @@ def mistakes() -> Iterator[tuple[str, Change]]:
     yield "speed of wheel rear_left is 6", of_signal("wheel_speed", scaled(64, 1, 1, 1))
     yield "speed of wheel rear_left is 0 times", of_signal("wheel_speed", scaled(0, 1, 1, 1))
     yield (
-        "wheels rear_left and front_left and rear_right are exchanged",
+        "wheels rear_left and front_left and rear_right are swapped",
         of_signal("wheel_speed", lambda speed: speed[:, [1, 3, 2, 0]]),
     )
     yield "accelerometer: mounted 4", of_signal("imu", turned_force(math.radians(45.0)))
@@ -219,15 +219,15 @@ def test_a_tilted_accelerometer_has_no_wrong_axes(
     assert found(wheels, signals._replace(imu=signals.imu + np.array([0.0, 1.7, 0.0])), known) == []
 
 
-def test_gaps_of_twist_and_enables_hide_no_exchange(
+def test_gaps_of_twist_and_enables_hide_no_swap(
     forklift: tuple[Wheels, Signals, tuple[float, float]],
 ) -> None:
     wheels, signals, known = forklift
-    twist, enable = signals.twist.copy(), exchanged(0, 2)(signals.enable.copy())
+    twist, enable = signals.twist.copy(), swapped(0, 2)(signals.enable.copy())
     twist[::7], enable[:300] = math.nan, math.nan
     enable[np.flatnonzero(signals.pedal > 0.0)[::50]] = math.nan
     gaps = signals._replace(twist=twist, enable=enable)
-    expected = [f"brakes {FORKLIFT[0]} and {FORKLIFT[2]} are exchanged"]
+    expected = [f"brakes {FORKLIFT[0]} and {FORKLIFT[2]} are swapped"]
     assert found(wheels, gaps, known) == expected
 
 

@@ -58,7 +58,7 @@ def test_shape_and_lever_of_the_forklift() -> None:
     assert "negate every roller_angle_deg" in remark
 
 
-def test_front_wheels_exchanged_are_neither() -> None:
+def test_front_wheels_swapped_are_neither() -> None:
     wheels = wheels_of(CONFIG / "vehicles/mecanum_forklift.yaml")
     front = {name: flipped(m) if name.startswith("front") else m for name, m in wheels.items()}
     assert "roller" in roller_remarks(front)[0]
