@@ -36,7 +36,8 @@ def line_batch_of(message: Image | LineImage) -> LineBatch:
 def flow_of(message: TwistWithCovarianceStamped) -> Flow:
     """Return the velocity that a flow sensor measured at its position, in the sensor's axes.
 
-    A driver marks a missing measurement by NaN or by a variance of at least 1e6 m^2/s^2.
+    The driver software of a sensor marks a missing measurement by NaN, or by a variance of at least
+    1e6 m^2/s^2.
     """
     twist = message.twist.twist
     covariance = np.asarray(message.twist.covariance, np.float64).reshape(6, 6)[:2, :2]

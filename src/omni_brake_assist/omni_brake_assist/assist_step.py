@@ -171,13 +171,14 @@ def _estimate_motion(
     pedal: float,
     dt: float,
 ) -> int:
-    """Update effect monitor and filter bank; write the estimated twist to `memory.answer`.
+    """Update the effect monitor and the filter bank; write the twist to `memory.answer`.
 
     Args:
         constants: constants of the assistant.
         memory: memory of the assistant, changed in place.
         inputs: inputs of this step.
-        received: whether the latest twist is valid and the gate is open; otherwise it is ignored.
+        received: whether the latest twist is valid and the input gate is open; otherwise the twist
+            is ignored.
         pedal: the driver's brake demand, 0 while the pedal is up [1].
         dt: time since the previous step [s].
 
@@ -316,7 +317,7 @@ def _first_fault(step: Any, cause: int, outside: int, replans: bool) -> int:
 
     Args:
         step: flags of this step, the record `Memory.step`.
-        cause: condition that closed the gate; GOOD while the gate is open.
+        cause: condition that closed the input gate; GOOD while this gate is open.
         outside: condition that was detected before the kernel is called, as `Inputs.outside`.
         replans: whether `allocation` controls the rest of a stop after a brake has failed. If so, a
             failed brake gives the condition REPLANNED, otherwise FAILED_BRAKE.

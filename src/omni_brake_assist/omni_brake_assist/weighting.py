@@ -75,7 +75,7 @@ def weighting_function(name: str, k: int) -> Weighting:
         k: tuning constant of ``enhanced`` [1], odd and positive; other weightings ignore it.
 
     Raises:
-        ValueError: the name is unknown, or k is not odd and positive.
+        ValueError: the name is unknown, or the name is ``enhanced`` and k is not odd and positive.
     """
     if name not in WEIGHTINGS:
         raise ValueError(f"{name!r} is not one of {', '.join(WEIGHTINGS)}")

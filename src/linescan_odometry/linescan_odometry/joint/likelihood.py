@@ -1,11 +1,13 @@
 """Second-order expansion of the log-likelihood of a displacement and its change.
 
-The lines are cut to the ground that all of them show, so that no texture enters or leaves. The
+The lines of a batch are divided into blocks, groups of consecutive lines that overlap. The lines of
+a block are cut to the ground that all of them show, so that no texture enters or leaves. The
 spectra of the cut lines are then computed. The fixed pattern is marginalized.
 
 The package docstring defines the model: displacement d per line, its change a, displacement X_k of
-line k, and covariance T of the lines. In shapes, m is the number of lines, t the number of lines in
-all blocks, F the number of spatial frequencies, and B the number of frequency bands.
+line k, and covariance T of the lines. In shapes, m is the number of lines of a batch, t the sum of
+the numbers of lines of all blocks, F the number of spatial frequencies, and B the number of
+frequency bands.
 """
 
 import math

@@ -1,9 +1,10 @@
-"""Spectra of lines, and the covariance between lines of a texture that loses its coherence.
+"""Spectra of lines, and covariance between lines whose texture loses coherence from line to line.
 
 The package docstring defines the model: displacement X_k of line k, and covariance T of the lines
-with texture power S, coherence rho and noise power N. In shapes, m is the number of lines, n the
-number of pixels per line, t the number of lines in all blocks, F the number of frequencies, and B
-the number of frequency bands.
+with texture power S, coherence rho and noise power N. A batch is divided into blocks: groups of
+consecutive lines that overlap (`likelihood.py`). In shapes, m is the number of lines of a batch, n
+the number of pixels per line, t the sum of the numbers of lines of all blocks, F the number of
+frequencies, and B the number of frequency bands.
 """
 
 import math

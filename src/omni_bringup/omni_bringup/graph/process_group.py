@@ -185,7 +185,7 @@ def _read_from(file: IO[bytes], offset: int) -> bytes:
 
 
 class ProcessGroup:
-    """Starts processes in order, and ends them in reverse order when the block is left.
+    """Starts processes in order; at the end of its ``with`` block, ends them in reverse order.
 
     The recorder must be started first, because it must end last.
 

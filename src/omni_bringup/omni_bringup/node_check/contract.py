@@ -81,7 +81,7 @@ def metrics(exchange: Exchange) -> dict[str, tuple[float, str]]:
 
 
 def common_breaches(exchange: Exchange, node: str, topic: str) -> Iterator[str]:
-    """Yield violations that both kinds of node may have: in publishers, rate, age or stamps.
+    """Yield violations of the contract by publishers, rate, age or stamps, for either kind of node.
 
     Args:
         exchange: sent inputs and received answers.
@@ -117,7 +117,7 @@ def common_breaches(exchange: Exchange, node: str, topic: str) -> Iterator[str]:
 
 
 def enable_breaches(exchange: Exchange, wheels: Sequence[str]) -> Iterator[str]:
-    """Yield violations in the enables that a brake assistant publishes for these wheels."""
+    """Yield violations of the contract by the enables that a brake assistant publishes."""
     for one in exchange.answers:
         if sorted(one.message.name) != sorted(wheels):
             yield f"brake/enable names {', '.join(one.message.name)}; must be {', '.join(wheels)}"
@@ -144,7 +144,7 @@ def enable_breaches(exchange: Exchange, wheels: Sequence[str]) -> Iterator[str]:
 
 
 def twist_breaches(exchange: Exchange, motion: "WheelMotion") -> Iterator[str]:
-    """Yield violations in the twists that an odometry node publishes.
+    """Yield violations of the contract by the twists that an odometry node publishes.
 
     Args:
         exchange: sent inputs and received answers.
@@ -228,7 +228,7 @@ class WheelMotion(NamedTuple):
 
 
 def simulator_breaches(seen: Mapping[str, Received], wheels: Sequence[str]) -> Iterator[str]:
-    """Yield violations in the messages of a simulator.
+    """Yield violations of the contract by the messages of a simulator.
 
     Args:
         seen: received messages from `enables_node.Enables.watch`, keyed by topic.
@@ -323,7 +323,7 @@ def _publisher_breaches(topic: str, publishers: Sequence[bool]) -> Iterator[str]
 
 
 def _stream_breaches(key: str, received: Received, clock: Received) -> Iterator[str]:
-    """Yield violations in publishers, number, stamps and rate of the messages on a topic.
+    """Yield violations of the contract by the publishers and the messages of a topic.
 
     Args:
         key: name of the topic, a key of `Contract.least_rate`.

@@ -1,4 +1,4 @@
-"""Reception of the signals of a vehicle's commissioning drive until its stops are complete."""
+"""Reception of a vehicle's signals during a commissioning drive, until its last stop ends."""
 
 import time
 from collections.abc import Sequence

@@ -75,7 +75,7 @@ class Enables:
         return seen
 
     def breaches(self, seen: Mapping[str, Received]) -> Iterator[str]:
-        """Yield violations in the brake torques on `wheel_states`."""
+        """Yield violations of the contract by the brake torques on `wheel_states`."""
         if self._braking_ns is None:
             yield "brake/pedal stayed 0: press the pedal during the check of the enables"
             return

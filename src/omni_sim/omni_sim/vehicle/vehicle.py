@@ -298,7 +298,7 @@ class Vehicle:
         return state
 
     def clearance(self, x: float, y: float) -> float:
-        """Return the ground clearance of a point minus its clearance on flat ground [m].
+        """Return the ground clearance of a point minus its clearance at rest on flat ground [m].
 
         Args:
             x: coordinate x of the point, forward of base_link [m].

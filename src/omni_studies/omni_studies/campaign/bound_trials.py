@@ -87,7 +87,7 @@ class BoundTrials:
         return "-".join(braking.fingerprint[:8] for braking in self._brakings.values())
 
     def __call__(self, seed: int) -> BoundTrial:
-        """Run a seed under every law, and compute its bounds."""
+        """Run the stop of a seed with every law, and compute the bounds of this stop."""
         drawn = draw(seed)
         tried = {law: one.configurations(drawn) for law, one in self._brakings.items()}
         first = tried["sliding_mode"]["unassisted"]

@@ -66,7 +66,7 @@ class Cover(NamedTuple):
     """Range of texel rows that each column of a footprint covers.
 
     Column c covers the rows from ``low + climb c`` to ``low + climb c + height``. All values are
-    rows as fixed-point numbers.
+    fixed-point numbers: `low` and `height` in rows, `climb` in rows per column.
     """
 
     low: int
