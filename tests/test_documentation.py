@@ -33,7 +33,7 @@ SETTINGS = {
     "notes.md": "0.71 m",
     "performance.md": "0.2 s, 0.3 s, 0.5 ms, 1.5 times",
     "real_vehicle.md": "0.1 s",
-    "robustness.md": "0.1 %, 0.2 m",
+    "robustness.md": "0.1 %, 0.4 m",
     "safety.md": "0.01 rad/s, 0.1 s, 0.5 m/s^2",
     "sensor_models.md": "0.14 deg",
     "sensor_placement.md": "0.71 m, 1.6 m",

@@ -66,7 +66,7 @@ FAULTS: list[tuple[str, Callable[[BrakeDemand], BrakeDemand], AssistState, str]]
     "brakes released when they should act",
     "a twist that is NaN, late, from the future or too fast, that jumps, or has a large variance; "
     "a pedal without a value",
-    "gate: all brakes are on until `recovery_count` valid twists have arrived",
+    "input gate: all brakes are on until `recovery_count` valid twists have arrived",
     within=0.01,
 )
 @pytest.mark.parametrize(

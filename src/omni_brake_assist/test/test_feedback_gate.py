@@ -118,7 +118,7 @@ def test_feedback_a_line_period_older_than_the_demand_is_good(mecanum: Wheels) -
 @pytest.mark.safety(
     "brakes released when they should act",
     "the twist is stuck, without an IMU",
-    "gate: a value that does not change while braking is rejected",
+    "input gate: a value that does not change while braking is rejected",
     within=0.22,
 )
 def test_twist_that_never_changes_while_braking_is_implausible(

@@ -21,7 +21,7 @@ The READMEs of the packages list the parameters for the communication of each no
 timeouts, and those of the nodes `recorder`, `player` and `driver`.
 `<name>` stands for the name of a wheel, sensor or patch.
 As ROS parameters the names themselves are listed in `wheels.names`, `sensors.names` and so on.
-Sections, equations and tables are those of the dissertation.
+Section, equation and table numbers refer to the dissertation.
 """
 
 
