@@ -96,9 +96,9 @@ def _run(words: Sequence[str]) -> int:
 
 @contextmanager
 def _output_to_standard_error() -> Iterator[None]:
-    """Redirect standard output to standard error until the block is left.
+    """Redirect standard output to standard error inside the ``with`` block.
 
-    Standard output then contains only the JSON document, which is printed after the block.
+    Standard output therefore contains only the JSON document, which is printed after this block.
     """
     sys.stdout.flush()
     standard_output = os.dup(1)

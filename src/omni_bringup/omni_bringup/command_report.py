@@ -28,7 +28,7 @@ class Report:
         hints: lines printed at the end, such as how to use the files.
         summary: folder in which the document is stored as ``summary.json``; None not to store it.
         problems: sentences for standard error; if there are any, the exit code is 1.
-        ok: False if a check failed or a limit in the options is missed; the exit code is then 1.
+        ok: False if a check failed or a limit in the options is not met; the exit code is then 1.
     """
 
     name: str = ""

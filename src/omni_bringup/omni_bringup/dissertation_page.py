@@ -34,7 +34,7 @@ class Row(NamedTuple):
         module: module that implements the item; may be empty.
         command: command or test that shows the item; may be empty.
         remark: explanation of the status; may be empty.
-        number: value in this project; may be empty.
+        number: values of the dissertation and of this project, as text; may be empty.
     """
 
     place: str

@@ -21,7 +21,7 @@ def leave_at_once_on_signals() -> None:
 
 
 def clean_up_on_signals() -> None:
-    """Make signals raise `KeyboardInterrupt` or `SystemExit`, so that processes are ended.
+    """Make signals raise `KeyboardInterrupt` or `SystemExit`, so that a command ends its nodes.
 
     This function must be called after the last import, because such an exception could interrupt an
     import.

@@ -91,8 +91,8 @@ def _on_exit(plan: LaunchPlan, ended: list[str], name: str, event: Any, _context
 
     Args:
         plan: processes of the launch.
-        ended: names of the nodes that have ended so far, extended by this one.
-        name: name of the node.
+        ended: names of the nodes that have ended; this function appends `name`.
+        name: name of the node that has ended now.
         event: event of `launch` with the exit code.
 
     Raises:

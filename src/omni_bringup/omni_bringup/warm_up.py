@@ -24,8 +24,8 @@ _OWN_LAW = "omni_brake_assist.laws.sliding_mode:SlidingMode"  # the name of an e
 def compile_for_run(configuration: experiment.ExperimentConfiguration) -> None:
     """Compile the kernels of the nodes.
 
-    The kernels of the odometry take the longest and are compiled first. If a run has already begun,
-    its other nodes meanwhile compile their own kernels.
+    The kernels of the odometry take the longest, so they are compiled first. Meanwhile, the other
+    nodes of a run that has already begun compile their own kernels.
     """
     LineScanOdometry(configuration.odometry).warm_up()
     simulator = Simulator(configuration)

@@ -53,7 +53,10 @@ def commands_of(package: str) -> dict[str, str]:
 
 
 def load_command(group: Any, name: str) -> Any:
-    """Return the module that defines a command; if the group has a function `command`, its result.
+    """Return the command with a name.
+
+    If the group has a function `command`, this function returns the command. Otherwise the command
+    is a module of the group's package.
 
     Args:
         group: module with a ``PACKAGE``, such as this one.
@@ -66,7 +69,7 @@ def load_command(group: Any, name: str) -> Any:
 
 
 def _command_name(package: str, module: str) -> str:
-    """Return the name of a command: ``fit-tire`` for fit_tire; studies keep their underscores."""
+    """Return the command name of a module: ``fit-tire`` for fit_tire; a study keeps its name."""
     return module.rstrip("_").replace("_", "-") if package.startswith(PACKAGE) else module
 
 

@@ -46,7 +46,7 @@ class Options(CommandOptions):
 
 
 def run(options: Options, workspace: Workspace) -> Report:
-    """Send inputs to the node, record its outputs, and report violations of its contract."""
+    """Send inputs to the tested node, receive its outputs, and report violations."""
     from omni_bringup.replay.plan import recorded_configuration
     from omni_recording.folder import open_vehicle
 
@@ -69,11 +69,14 @@ def run(options: Options, workspace: Workspace) -> Report:
 
 @contextmanager
 def _node(command: str | None) -> Iterator[tuple[Partner, Callable[[], bool]]]:
-    """Start the node if a command is given.
+    """Start the tested node; without a command, the user starts it.
+
+    Args:
+        command: command that starts the tested node; None if the user starts it.
 
     Yields:
-        This program's node in the ROS domain of the checked node, and a function that returns
-        whether the checked node still runs.
+        This program's node in the ROS domain of the tested node, and a function that returns
+        whether the tested node still runs.
     """
     from omni_bringup.graph.domain import reserved_domain
     from omni_bringup.node_check.exchange_node import Partner

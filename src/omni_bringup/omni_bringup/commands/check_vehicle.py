@@ -49,7 +49,7 @@ class Options(CommandOptions):
 
 
 def run(options: Options, workspace: Workspace) -> Report:
-    """Find the errors, and write a corrected vehicle file if its values are wrong."""
+    """Find errors in a vehicle file, and write a corrected copy if it has wrong values."""
     from omni_tools.commissioning import mistakes as known
     from omni_tools.commissioning.signals import motions_of, unchecked
 

@@ -175,7 +175,7 @@ def _at_full_stick(configuration: ExperimentConfiguration, speed: float) -> Expe
 
     Args:
         configuration: configuration of the whole loop.
-        speed: speed at full deflection [m/s], first forward and then sideways.
+        speed: speed at full deflection [m/s]; the motion is first forward, then to the left.
     """
     from omni_sim.driver.scripted import DemandConfiguration, ManeuverConfiguration
 
@@ -191,10 +191,10 @@ def _follow(
     """Print the address of the page, watch the nodes, and yield the choices made on the page.
 
     Args:
-        group: the nodes.
+        group: processes of the nodes.
         domain: ROS domain of the nodes.
-        parameters: parameters of the driver's node; token and port are stored here for a restart of
-            the node.
+        parameters: parameters of the driver node; the token and the port of the page are added, so
+            that the page keeps its address if the nodes are restarted.
 
     Raises:
         ProcessError: a node has ended.

@@ -115,7 +115,7 @@ def _answers(options: Options) -> dict[str, Any]:
 
 
 def _entered(flag: str, words: str, kind: Any, choices: Sequence[str] | None, usual: Any) -> Any:
-    """Return a value that the user enters on the terminal, or the usual value without an entry.
+    """Return the value that the user enters on the terminal, or the usual value if none is given.
 
     Args:
         flag: option for this value, for error messages.

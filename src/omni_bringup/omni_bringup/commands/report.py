@@ -65,8 +65,10 @@ def run(options: Options, _workspace: Workspace) -> Report:
 def _seen(path: Path, run: ReportedRun, shown: float = 0.2) -> dict[str, bytes]:
     """Return a PNG picture of the camera lines around the start of braking, keyed by run name.
 
+    The result is empty if the recording contains no lines or the run has no configuration.
+
     Args:
-        path: the recording; without lines in it, the result is empty.
+        path: the recording.
         run: the run of this recording.
         shown: duration of the lines in the picture [s].
     """

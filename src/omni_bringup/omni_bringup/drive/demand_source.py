@@ -25,8 +25,8 @@ class Demand:
 
     Attributes:
         pedal: position of the brake pedal, 0 to 1.
-        twist: body twist (v_x, v_y, yaw rate) [m/s, m/s, rad/s].
-        source: page, cmd_vel or none.
+        twist: demanded body twist (v_x, v_y, yaw rate) [m/s, m/s, rad/s].
+        source: `page` (the page in the browser), `cmd_vel` or `none`.
     """
 
     pedal: float
@@ -69,14 +69,14 @@ class DemandSource:
 
         Args:
             pedal: position of the brake pedal, 0 to 1.
-            twist: body twist [m/s, m/s, rad/s].
-            now: time of arrival on a monotonic clock [s].
+            twist: demanded body twist (v_x, v_y, yaw rate) [m/s, m/s, rad/s].
+            now: time at which the demand arrived, on the monotonic clock [s].
         """
         self._page = Demand(pedal, twist, "page")
         self._page_time = now
 
     def take_command(self, twist: Twist, now: float) -> None:
-        """Store a twist from `cmd_vel`; ignore it if a component is not finite."""
+        """Store a twist from `cmd_vel` that arrived at `now` [s]; ignore it if it is not finite."""
         if not all(math.isfinite(value) for value in twist):
             return
         self._command, self._command_time = twist, now
@@ -84,7 +84,7 @@ class DemandSource:
             self._page_left = False
 
     def demand(self, now: float) -> Demand:
-        """Return the demand at a time `now` of the monotonic clock [s]."""
+        """Return the demand that is valid at the time `now` of the monotonic clock [s]."""
         commanded = now - self._command_time <= self._command_timeout
         if self._page_open:
             if now - self._page_time > self._page_timeout:

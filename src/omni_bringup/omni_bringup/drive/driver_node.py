@@ -101,7 +101,7 @@ class DriverConfiguration(Configuration):
 
 
 class DriverNode(Node):
-    """Publishes the demands of the selected source and shows the motion of the vehicle."""
+    """Publishes the driver's demands, and shows the motion of the vehicle on the page."""
 
     def __init__(self) -> None:
         super().__init__("driver")
@@ -154,7 +154,7 @@ class DriverNode(Node):
         qos.subscribe(self, topic, on_message)
 
     def publish_demand(self) -> None:
-        """Publish the present demand of the selected source."""
+        """Publish the present demand of the driver."""
         demand = self.source.demand(time.monotonic())
         self.state["source"] = demand.source
         pedal = joint_state(self._stamp_ns, ("brake_pedal",), position=np.array([demand.pedal]))
@@ -194,7 +194,7 @@ class DriverNode(Node):
         self.state["pedal"] = pedal
 
     def _note_start(self) -> None:
-        """Store pose and speed at the stamp at which the pedal was pressed."""
+        """Store the vehicle's pose and speed at the time when the brake pedal was pressed."""
         for stamp_ns, pose, twist in self._poses:
             if stamp_ns == self._pedal_down_ns:
                 start = {"time": stamp_ns / 1e9, "pose": pose, "speed": math.hypot(*twist[:2])}

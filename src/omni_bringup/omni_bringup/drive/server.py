@@ -51,7 +51,7 @@ class Demand(NamedTuple):
 
     Attributes:
         pedal: position of the brake pedal, 0 to 1.
-        stick: position of the stick forward, left and in rotation, each -1 to 1.
+        stick: deflection of the stick (forward, left, counter-clockwise), each -1 to 1.
         assist: new position of the assist switch; None if it was not changed.
         choose: kind and name of a newly chosen item, such as a ground; None without a new choice.
     """
@@ -144,7 +144,7 @@ class DriveServer:
 
     @asynccontextmanager
     async def running(self) -> AsyncIterator[None]:
-        """Serve the page until the block is left."""
+        """Serve the page until the ``with`` block is left."""
         async with serve(
             self._drive,
             sock=self._listener,
@@ -196,7 +196,7 @@ class DriveServer:
         self._receive(demand)
 
     def _answer(self, _: ServerConnection, request: Request) -> Response | None:
-        """Return the response to a request: a file or an error; None opens the WebSocket."""
+        """Return the response to a request (a file or an error); None to open the WebSocket."""
         if request.headers.get_all("Host") != [self._address]:
             return self._response(http.HTTPStatus.MISDIRECTED_REQUEST)
         path = request.path.partition("?")[0]

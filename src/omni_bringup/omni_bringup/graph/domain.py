@@ -16,12 +16,12 @@ _BOUND_PORTS = (Path("/proc/net/udp"), Path("/proc/net/udp6"))
 
 
 class NoFreeDomainError(InputError):
-    """The chosen ROS domain, or every domain of this machine, is in use by another run."""
+    """Another run uses the chosen ROS domain, or all domains of this machine are in use."""
 
 
 @contextlib.contextmanager
 def reserved_domain() -> Iterator[int]:
-    """Reserve a ROS domain that no other run on this machine uses, until the block ends.
+    """Reserve a ROS domain that no other run on this machine uses, until the ``with`` block ends.
 
     If the user has not chosen a domain, the reserved domain contains no other ROS program of this
     machine. A domain that the user has chosen may contain programs that only subscribe; the

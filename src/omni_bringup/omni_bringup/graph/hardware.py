@@ -68,14 +68,14 @@ class Hardware:
 
     @classmethod
     def of(cls, experiment: ExperimentConfiguration) -> Hardware:
-        """Return the configurations that an experiment contains for these nodes."""
+        """Return the configuration of odometry and brake assistant in an experiment."""
         optical = experiment.feedback == "optical"
         return cls(experiment.brake_assist, experiment.odometry if optical else None)
 
 
 @dataclasses.dataclass(frozen=True)
 class HardwareNode:
-    """A node that the launch file starts.
+    """A node that ``hardware.launch.py`` starts.
 
     Attributes:
         package: package of the node.
@@ -210,7 +210,8 @@ def write_parameters(hardware: Hardware, folder: Path, warning: str = "") -> lis
     Args:
         hardware: configuration of the nodes.
         folder: folder of the files, created if it is missing.
-        warning: sentence about the source of the twist, which the assistant reports.
+        warning: sentence about the source of the twist, to be reported by the assistant; empty for
+            none.
 
     Raises:
         OSError: the folder is not writable.

@@ -98,7 +98,7 @@ class Nodes:
         """Return the process of the odometry node.
 
         Args:
-            listeners: number of subscribers for which the node waits; 0 for the number in a run.
+            listeners: number of subscribers for which the node waits; 0 for as many as in a run.
         """
         listeners = listeners or _RECORDER + 1 + self.configuration.uses_lines
         parameters = values_of(self.configuration.odometry) | self._timing() | _listeners(listeners)
@@ -109,7 +109,7 @@ class Nodes:
         return self._node(name, name, parameters, executable="odometry", own_code=bool(own))
 
     def brake_assist(self, listeners: int = _RECORDER) -> process_group.NodeProcess:
-        """Return the process of the assistant's node.
+        """Return the process of the brake assistant node.
 
         Args:
             listeners: number of subscribers for which the node waits.
@@ -165,12 +165,12 @@ class Nodes:
     def player(
         self, bag: Path, inputs: Mapping[str, str], outputs: Mapping[str, str], rate: float
     ) -> process_group.NodeProcess:
-        """Return the process that publishes recorded inputs and receives the outputs.
+        """Return the process of the player node, which publishes a recording to replayed nodes.
 
         Args:
             bag: the recording.
-            inputs: message type of each topic to publish, keyed by topic.
-            outputs: message type of each topic of results, keyed by topic.
+            inputs: message type of each topic that the player publishes, keyed by topic.
+            outputs: message type of each topic on which replayed nodes publish, keyed by topic.
             rate: speed as a multiple of the recorded one; 0 for as fast as the nodes can follow.
         """
         parameters = {
@@ -203,7 +203,7 @@ class Nodes:
         """Return the nodes of ``omni drive`` in the order in which they are started.
 
         Args:
-            parameters: parameters of the driver's node.
+            parameters: parameters of the driver node.
             folder: rosbag2 folder of the recording; None for no recording.
             lines: whether to record the camera lines, which are the largest part of the data.
         """
@@ -212,7 +212,7 @@ class Nodes:
             recorded = recorded_topics(self.configuration).items()
             chosen = {t: kind for t, kind in recorded if lines or not t.endswith("/lines")}
             started.append(self.recorder(folder, chosen=chosen))
-        listeners = 1 + len(started)  # without the driver's node, which may start later
+        listeners = 1 + len(started)  # without the driver node, which may start later
         return [
             *started,
             self.driver(parameters),
@@ -222,7 +222,7 @@ class Nodes:
         ]
 
     def _timing(self) -> dict[str, Any]:
-        """Return the parameters for the timing of a node, in lockstep or with simulated time."""
+        """Return those parameters of a node that depend on the mode, `lockstep` or real time."""
         return {"diagnostics_period": 0.0} if self.lockstep else {"use_sim_time": True}
 
     def _node(
@@ -254,7 +254,12 @@ def _listeners(count: int) -> dict[str, Any]:
 def values_of(
     configuration: Configuration, part: type[Configuration] | None = None
 ) -> dict[str, Any]:
-    """Return the values in a parameter file, keyed by name; for the arguments see `flatten`."""
+    """Return the values for a parameter file, keyed by dotted parameter name.
+
+    Args:
+        configuration: configuration of the node.
+        part: base class whose fields are returned; None for all fields of the configuration.
+    """
     # An empty list has no type in a parameter file; without an entry, the declared default is used.
     flat = flatten(configuration, part=part)
     return {key: value for key, value in flat.items() if value != []}

@@ -222,10 +222,10 @@ class ProcessGroup:
     def stop(self) -> None:
         """End all processes, in reverse order of their start.
 
-        After a failure of one process, others may wait for acknowledgments that never arrive.
-        Therefore the request to end is then sent to all processes except the first before the end
-        of any is awaited. If the first process (the recorder) has already ended, the others receive
-        a second request after 0.5 s, so that they stop waiting.
+        After a process has failed, others may wait for acknowledgments that never arrive. In this
+        case, all processes except the first one (the recorder) are requested to end before the end
+        of any process is awaited. If the recorder has already ended, the others receive a second
+        request after 0.5 s, so that they no longer wait for acknowledgments.
         """
         if any(process.returncode not in (None, 0) for process in self.running):
             senders = self.running[1:]
@@ -287,10 +287,10 @@ def describe_end(process: RunningProcess) -> str:
 
 @contextlib.contextmanager
 def _interrupt_deferred(*, repeated: bool = False) -> Iterator[None]:
-    """Defer SIGINT and SIGTERM until the block is left; only the first one then takes effect.
+    """Defer SIGINT and SIGTERM until the ``with`` block is left; only the first one takes effect.
 
     Args:
-        repeated: whether an earlier signal is being handled already; all signals are then ignored.
+        repeated: whether an earlier signal is already being handled; if True, all are ignored.
     """
     arrived: list[int] = []
     numbers = (signal.SIGINT, signal.SIGTERM)

@@ -1,4 +1,4 @@
-"""Requirements on the messages of a node; each check yields one sentence for each violation."""
+"""Checks of a tested node's messages; each check yields one sentence for each violation."""
 
 import itertools
 from collections.abc import Iterator, Mapping, Sequence
@@ -19,11 +19,11 @@ from omni_ros.messages import planar_twist_of, to_nanoseconds
 
 @dataclass(frozen=True)
 class Contract:
-    """Limits that the messages of a checked node must meet.
+    """Limits that the messages of a tested node must meet.
 
     Attributes:
-        largest_age: limit on the age of the messages [s], keyed by node. The assistant rejects an
-            older twist, and a vehicle without newer enables applies all brakes.
+        largest_age: limit on the age of the messages [s], keyed by kind of node. If a twist is
+            older, the assistant rejects it; if an enable is older, the vehicle applies all brakes.
         least_rate: required rate of a simulator's messages [1/s], keyed by topic; a rate up to a
             tenth lower is tolerated.
         least_answered: minimum share of the inputs that the node must answer [1].
@@ -33,11 +33,11 @@ class Contract:
         longest_gap: time without a message after which a simulator counts as silent [s].
         clock_error: limit on the median difference between a simulator's stamps and /clock [s].
         largest_variance: limit on all three variances of a measured twist [m^2/s^2, rad^2/s^2].
-        speed_excess: tolerances by which the speed of a twist may exceed the highest speed of the
-            wheels, and by which its velocity may differ from that of rolling wheels: a share of
-            the wheels' speed [1], plus a constant [m/s].
+        speed_excess: relative tolerance r [1] and absolute tolerance a [m/s]. If rolling wheels
+            show a speed v of the vehicle, the median velocity error of the twists must not exceed
+            r v + a. No speed may exceed the highest v of the recording by more than r v + a.
         yaw_rate_ratio: lower and upper limit on the ratio of the twist's yaw rate to the IMU's [1].
-        turning: minimum root mean square of the yaw rate for a check of this ratio [rad/s].
+        turning: root mean square of the IMU's yaw rate above which this ratio is checked [rad/s].
     """
 
     largest_age: Mapping[str, float]
@@ -61,7 +61,7 @@ CONTRACT = Contract(
 
 
 def metrics(exchange: Exchange) -> dict[str, tuple[float, str]]:
-    """Return metrics of the answers as pairs (value, unit), keyed by ``quantity.phase``.
+    """Return metrics of a tested node's answers as pairs (value, unit), keyed ``quantity.phase``.
 
     The metrics are the share of answered inputs, the 99th percentile of the answers' age, and the
     number of answers.
@@ -81,7 +81,7 @@ def metrics(exchange: Exchange) -> dict[str, tuple[float, str]]:
 
 
 def common_breaches(exchange: Exchange, node: str, topic: str) -> Iterator[str]:
-    """Yield violations of the contract by publishers, rate, age or stamps, for either kind of node.
+    """Yield violations in the answers of any tested node: publishers, rate, age and stamps.
 
     Args:
         exchange: sent inputs and received answers.
@@ -181,12 +181,12 @@ def twist_breaches(exchange: Exchange, motion: "WheelMotion") -> Iterator[str]:
 
 
 class WheelMotion(NamedTuple):
-    """Motion of the vehicle in a recording by its wheels, at T times.
+    """Motion of a recorded vehicle, computed from its wheel speeds, at T times.
 
     Attributes:
         stamp_ns: stamps of the wheel speeds [ns], shape (T,).
-        velocity: velocity v_x, v_y if the wheels do not slip [m/s], shape (T, 2).
-        rolling: whether the driver does not brake, so that the wheels roll, shape (T,).
+        velocity: velocity v_x, v_y of the vehicle if no wheel slips [m/s], shape (T, 2).
+        rolling: whether the brake pedal is released, so that the wheels roll, shape (T,).
     """
 
     stamp_ns: IntArray
@@ -195,7 +195,7 @@ class WheelMotion(NamedTuple):
 
     @classmethod
     def of(cls, recording: Path, wheels: Mapping[str, WheelMount]) -> "WheelMotion":
-        """Return the motion in a recording of a vehicle with the given wheels."""
+        """Return the motion in a recording; `wheels` are the vehicle's wheels, keyed by name."""
         run = read_run(recording)
         ordered = {name: wheels[name] for name in run.wheel_names}
         twist = PlatformKinematics.of(ordered).twist(run.wheel_speed)
@@ -203,11 +203,11 @@ class WheelMotion(NamedTuple):
 
     @property
     def fastest(self) -> float:
-        """Highest speed [m/s]."""
+        """Highest speed of the vehicle [m/s]."""
         return float(np.nanmax(np.hypot(*self.velocity.T)))
 
     def difference(self, answers: Sequence[Answer]) -> Iterator[str]:
-        """Yield a violation if most twists differ from the motion while the wheels roll."""
+        """Yield a violation if, while the wheels roll, most twists differ from this motion."""
         share, amount = CONTRACT.speed_excess
         at = np.searchsorted(self.stamp_ns, [one.stamp_ns for one in answers], side="right") - 1
         pairs = [
@@ -265,7 +265,7 @@ def simulator_breaches(seen: Mapping[str, Received], wheels: Sequence[str]) -> I
 
 
 def _warmed_up(exchange: Exchange) -> int:
-    """Return the stamp after which late and missing answers count [ns]."""
+    """Return the stamp from which late or missing answers are violations [ns]."""
     return exchange.sent["recorded"][0] + round(CONTRACT.warm_up * SECOND_NS)
 
 
@@ -274,8 +274,8 @@ def _gap_breaches(exchange: Exchange, limit_ns: int) -> Iterator[str]:
 
     Args:
         exchange: sent inputs and received answers.
-        limit_ns: limit on the time between two answered inputs, if inputs between them are not
-            answered [ns].
+        limit_ns: limit on the time between two answered inputs with unanswered inputs between
+            them [ns].
     """
     begun = _warmed_up(exchange)
     sent = np.array([stamp for stamp in exchange.sent["recorded"] if stamp >= begun])

@@ -26,14 +26,14 @@ def receive_drive(
 
     Args:
         partner: node of this process, in the namespace of the vehicle.
-        wheels: names of the wheels in the order of the columns.
+        wheels: names of the wheels, in the order of the result's columns.
         timeout: limit on the time until the drive is complete [s].
         rest: duration at rest after which the last stop is complete [s].
         least: required number of messages on each required topic.
 
     Raises:
         WorkError: wheel speeds or pedal are not published.
-        ConfigurationError: the run has other wheels or motions than expected, or wheel speeds are
+        ConfigurationError: the drive has other wheels or motions than expected, or wheel speeds are
             missing for too long.
     """
     seen: dict[str, list[tuple[int, Any]]] = {topic.name: [] for topic in TOPICS}

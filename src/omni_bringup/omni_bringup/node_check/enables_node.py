@@ -23,8 +23,8 @@ _FIRST_WHEEL = (1.0, 0.0, math.nan)
 class Enables:
     """Sends brake enables to a simulator and checks the resulting brake torques.
 
-    In four phases, all brakes are on, the first brake is released, the enable of the first brake is
-    NaN, and all brakes are on again.
+    After the pedal is pressed, the test has four phases: all brakes are on, the first brake is
+    released, the enable of the first brake is NaN, and all brakes are on again.
     """
 
     def __init__(self, node: Node, wheels: Sequence[str]) -> None:
@@ -36,14 +36,14 @@ class Enables:
     def watch(
         self, partner: Partner, duration: float, alive: Callable[[], bool]
     ) -> dict[str, Received]:
-        """Receive messages of the simulator until it ends; return them, keyed by topic.
+        """Receive messages until the simulator ends; return them, keyed by topic.
 
-        Under the key ``twist`` are the messages of the first of three sources that publishes:
-        odometry, velocity sensor, front camera.
+        The entry ``twist`` contains the messages of the odometry; if there are none, those of the
+        velocity sensor; if there are none either, those of the front camera.
 
         Args:
-            partner: node of this process.
-            duration: limit on the time of reception [s].
+            partner: node of this process, which receives the messages.
+            duration: time after which the reception ends in any case [s].
             alive: function that returns whether the simulator's process still runs.
         """
         watched = {

@@ -1,4 +1,4 @@
-"""Transmission of a recording with faults to a node, and reception of its answers.
+"""Transmission of a recording with faults to the tested node, and reception of its answers.
 
 The recording is published in real time, once for each phase: unchanged, with a gap in one input,
 with unusable values in this input, and cut off in the middle. The stamps continue across the
@@ -47,21 +47,21 @@ _STAMP = struct.Struct("<iI")  # the message follows the four bytes of the CDR h
 _PAUSE_NS = 2 * SECOND_NS  # time between two phases; longer than any timeout of a node
 _LISTEN = 0.5  # s; time of reception after the last input
 # s; if a busy machine delays this process for longer, all further messages are sent later, because
-# a burst of late messages would fill the queues of the checked node
+# a burst of late messages would fill the queues of the tested node
 _LARGEST_LAG = 0.02
 _START = 60.0  # s; time within which the node must appear
 
 
 @dataclass(frozen=True)
 class Answer:
-    """A message that the checked node published.
+    """A message that the tested node published.
 
     Attributes:
         phase: phase in which the message was received, one of `PHASES`.
         stamp_ns: time stamp of the message [ns].
-        age: time from sending the newest input to the publication of this message [s]. Inputs with
-            stamps later than `stamp_ns` do not count.
-        silence: time from sending the last input of any kind to the publication [s].
+        age: time from the sending of an input to the publication of this message [s]; the input is
+            the newest one with a stamp not later than `stamp_ns`.
+        silence: time from the sending of the last input to the publication of this message [s].
         message: the message.
     """
 
@@ -89,15 +89,15 @@ class Received:
 
 
 class Exchange:
-    """Messages that were sent to the checked node, and the node's answers.
+    """Messages that were sent to the tested node, and the node's answers.
 
     Attributes:
         sent: stamps of the inputs that require an answer [ns], keyed by phase.
         faults: first and last stamp of the gap or of the unusable values [ns], keyed by phase.
         answers: answers in the order in which they were received.
         publishers: whether each publisher on the topic of the answers is reliable.
-        incompatible: topic and reason for each subscription of the node that receives no inputs
-            because of its QoS.
+        incompatible: topic and reason for each subscription of the tested node that receives no
+            inputs because of its QoS.
         kind: message class of the answers.
     """
 
@@ -113,10 +113,10 @@ class Exchange:
         self._last = 0  # send time of the last input on this clock [ns]
 
     def keep(self, data: bytes, info: Mapping[str, int]) -> None:
-        """Store an answer of the node, with its age and silence.
+        """Store an answer of the tested node, with its age and silence.
 
-        Both are computed from the time of publication, because the time of reception depends on how
-        long the answer waits in this process.
+        Age and silence are computed from the time of publication, because the time of reception
+        depends on how long the answer waits in this process.
 
         Args:
             data: serialized answer.
@@ -130,15 +130,15 @@ class Exchange:
         self.answers.append(Answer(self._phase, stamp, age, silence, message))
 
     def note(self, stamp: int) -> None:
-        """Store the present time as the time at which the input with this stamp [ns] was sent."""
+        """Store the present time as the send time of the input with this stamp [ns]."""
         self._last = self._departures[stamp] = time.time_ns()
 
     def begin(self, phase: str, fault: tuple[int, int]) -> list[int]:
-        """Start a phase.
+        """Record that a phase of the test starts.
 
         Args:
             phase: one of `PHASES`.
-            fault: first and last stamp of the fault of this phase [ns].
+            fault: first and last stamp of the gap or of the unusable values [ns].
 
         Returns:
             List to which the caller must append the stamp of each input that requires an answer.
@@ -150,7 +150,7 @@ class Exchange:
 
 
 class Partner:
-    """Node of this program in the ROS domain of the checked node.
+    """Node of this program in the ROS domain of the tested node.
 
     Raises:
         ConfigurationError: ROS does not accept the namespace.
@@ -178,13 +178,13 @@ class Partner:
         """Wait until a topic has a publisher; return whether each publisher is reliable.
 
         Args:
-            topic: output of the checked node.
-            alive: function that returns whether the node's process still runs.
-            sent: topics that this program publishes, which are the inputs of the checked node.
+            topic: output of the tested node.
+            alive: function that returns whether the process of the tested node still runs.
+            sent: topics that this program publishes, which are the inputs of the tested node.
 
         Raises:
-            WorkError: no publisher appears within a minute, the checked node has ended, or another
-                node of the domain also publishes an input of the checked node.
+            WorkError: no publisher appears within a minute, the tested node has ended, or another
+                node of the domain also publishes an input of the tested node.
         """
         deadline = time.monotonic() + _START
         while not self.publishers(topic):
@@ -227,19 +227,19 @@ def feed(
     output: Topic,
     alive: Callable[[], bool],
 ) -> Exchange:
-    """Publish a recording in all phases of the test; return the inputs and answers.
+    """Publish a recording to the tested node in all phases; return the inputs and its answers.
 
     Args:
-        partner: node of this process.
+        partner: node of this process, which publishes the inputs and receives the answers.
         recording: rosbag2 folder.
-        inputs: input topics of the node.
+        inputs: input topics of the tested node.
         faulty: input in which the gap and the unusable values are inserted.
-        paced: input whose messages the node answers.
-        output: topic of the node's answers.
-        alive: function that returns whether the node's process still runs.
+        paced: input whose messages the tested node answers.
+        output: topic of the answers.
+        alive: function that returns whether the process of the tested node still runs.
 
     Raises:
-        WorkError: the node does not publish `output`, or has ended.
+        WorkError: the tested node does not publish `output`, or has ended.
     """
     publishers = {
         topic.path: partner.node.create_publisher(message_class(topic.type), topic.path, RELIABLE)
@@ -286,13 +286,13 @@ def _exchange(
     publishers: Mapping[str, Publisher],
     alive: Callable[[], bool],
 ) -> Exchange:
-    """Wait until the checked node receives the inputs; return an exchange that stores its answers.
+    """Wait until the tested node receives the inputs; return an exchange that stores its answers.
 
     Args:
-        partner: node of this process.
+        partner: node of this process, which receives the answers.
         output: topic of the answers.
         publishers: publishers of the inputs, keyed by topic.
-        alive: function that returns whether the node's process still runs.
+        alive: function that returns whether the process of the tested node still runs.
     """
     exchange = Exchange(output, partner.await_node(output.path, alive, publishers))
     for entry in partner.node.get_publishers_info_by_topic(output.path):
@@ -320,7 +320,7 @@ def subscribe(
     the time of publication does not depend on how long messages wait in this process.
 
     Args:
-        partner: node of this process.
+        partner: node of this process, which subscribes.
         topics: topics to subscribe to, keyed by any text; the result has the same keys.
         qos: quality of service of the subscriptions.
     """

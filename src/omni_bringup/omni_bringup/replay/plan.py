@@ -75,7 +75,7 @@ def check_inputs(bag: Bag, plan: ReplayPlan) -> dict[str, int]:
         Number of recorded messages, keyed by topic.
 
     Raises:
-        BagError: topics are missing, empty or of another type; the message lists all missing ones.
+        BagError: topics are missing, empty or of a wrong type; the message lists all missing ones.
     """
     summary = bag_summary(bag)
     missing = [topic for topic in plan.inputs if not summary.counts.get(topic)]

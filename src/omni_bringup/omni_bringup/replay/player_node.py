@@ -50,7 +50,7 @@ class PlayerConfiguration(Configuration):
     """Limit on the number of rounds that are sent before the first result"""
 
     def check_consistency(self) -> None:
-        """Check that the numbers of topics and types agree."""
+        """Check that the number of topics equals the number of types."""
         for key, names, kinds in (
             ("input_types", self.inputs, self.input_types),
             ("output_types", self.outputs, self.output_types),
@@ -143,18 +143,18 @@ def _publish_all(node: PlayerNode, spinner: process.Spinner) -> int:
 
 
 def _await_result(node: PlayerNode, spinner: process.Spinner, ahead: int) -> int:
-    """Wait until fewer than `ahead` sent rounds lack a result.
+    """Wait until the next round may be sent: fewer than `ahead` rounds have no result yet.
 
     Args:
         node: the player.
         spinner: spinner, which runs the callbacks of received results.
-        ahead: number of rounds without a result at which no further round is sent.
+        ahead: present limit on the number of rounds without a result.
 
     Returns:
-        Number for the next call: `ahead`, or one more if the wait ended by a timeout.
+        Limit for the next call: `ahead`, or `ahead` + 1 if the wait ended by a timeout.
 
     Raises:
-        NodeError: no result has arrived within the timeout.
+        NodeError: the wait ended by a timeout, and the limit has reached its maximum.
     """
     limits, started = node.configuration, any(node.results.values())
     timeout = limits.answer_timeout

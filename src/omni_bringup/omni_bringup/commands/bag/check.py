@@ -1,7 +1,7 @@
 """``./omni bag check``: read a recording completely and list its problems.
 
 Read a recording completely. Check every checksum, every message of a known type, the counts in the
-metadata, and that the message numbers have no gaps. The exit code is 1 if there is any problem.
+metadata, and the continuity of the message numbers. The exit code is 1 if there is any problem.
 """
 
 from pathlib import Path

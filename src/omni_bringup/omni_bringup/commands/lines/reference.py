@@ -119,7 +119,7 @@ def _references(name: str, pixels: int, dark: Lines | None, white: Lines | None)
 def _pattern_of(
     odometry: OdometryConfiguration, name: str, batches: Sequence[LineBatch], tables: Path
 ) -> FixedPattern | None:
-    """Return the fixed pattern that the odometry estimates from a recorded motion; None if unknown.
+    """Return the fixed pattern that the odometry estimates from a recording; None without estimate.
 
     Args:
         odometry: configuration of the odometry.
