@@ -65,7 +65,7 @@ def progress_lines(
     Args:
         name: name at the beginning of each line.
         clock: function that returns the time [s].
-        period: minimum interval [s]; intervals grow to a fifth of the elapsed time.
+        period: minimum interval [s]; later, the interval is at least a fifth of the elapsed time.
     """
     begun = last = clock()
 

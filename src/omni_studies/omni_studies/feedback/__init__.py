@@ -1,1 +1,1 @@
-"""Error models of sources of the body twist."""
+"""Error models of the sensors and estimators that supply the body twist."""

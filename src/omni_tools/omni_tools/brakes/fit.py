@@ -171,7 +171,10 @@ def mean_shares(stop: StopEquations, dead_time: float, time_constant: float) -> 
     begins, changes = stop.data.command_time[1:][news] + dead_time, changes[news]
 
     def risen(time: FloatArray) -> FloatArray:
-        """Return the time integral of the pressure changes up to each time [s], shape (K, N)."""
+        """Return the time integral of the pressure's rise above its initial value [s], (K, N).
+
+        The integral is computed up to each of the given times.
+        """
         since = np.maximum(time[:, np.newaxis] - begins, 0.0)
         return np.asarray((since + tau * np.expm1(-since / tau)) @ changes)
 
@@ -194,7 +197,7 @@ def _equations(
     Args:
         stop: data of the stop.
         vehicle: vehicle, which gives masses, wheels and wheel inertia.
-        longest: length from which on an interval between two samples is omitted [s].
+        longest: an interval between two samples is omitted if it is at least this long [s].
     """
     masses = loads.MassProperties.of(vehicle.body, vehicle.load)
     geometry = PlatformGeometry.from_wheels(vehicle.wheels)
@@ -246,10 +249,10 @@ def _pedal_down(stop: BrakeData) -> float:
 
 
 def _differences(equations: Sequence[StopEquations], unknowns: FloatArray) -> FloatArray:
-    """Return the residuals of all equations: predicted minus measured impulses per mass [m/s].
+    """Return the residuals: sums (`_summed`) of predicted minus measured impulse per mass [m/s].
 
     Args:
-        equations: equations of the stops, which are summed as in `_summed`.
+        equations: equations of the stops.
         unknowns: torque [N m], dead time [s] and time constant [s], shape (3,).
     """
     torque, dead_time, time_constant = unknowns
@@ -271,7 +274,7 @@ def _summed(stop: StopEquations, rows: FloatArray) -> FloatArray:
         rows: one row for each interval, shape (K, ...).
 
     Returns:
-        Sums; a segment of k intervals has k + 1 rows, the first of which is the sum of no interval.
+        Sums; k + 1 rows for a segment of k intervals, because the sums begin at zero.
     """
     sums = []
     for number in np.unique(stop.segment):
@@ -304,7 +307,7 @@ def _search(equations: Sequence[StopEquations]) -> Any:
     from scipy.optimize import least_squares
 
     def start(times: tuple[float, float]) -> tuple[float, float, float, float]:
-        """Return the smallest sum of squares for these times, its torque, and the times."""
+        """Return the smallest sum of squared residuals, its torque, and the given times."""
         nothing = _differences(equations, np.array([0.0, *times]))
         one = _differences(equations, np.array([1.0, *times])) - nothing
         torque = max(-float(one @ nothing) / max(float(one @ one), 1e-300), 0.0)
@@ -351,7 +354,7 @@ def _standard_errors(jacobian: FloatArray, left: FloatArray) -> FloatArray:
 def _wheel_torques(
     equations: Sequence[StopEquations], dead_time: float, time_constant: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Return a separate torque for the brake of each wheel; the times are given.
+    """Return a separate torque for each brake, for a given dead time and time constant.
 
     Args:
         equations: equations of the stops.

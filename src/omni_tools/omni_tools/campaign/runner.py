@@ -93,7 +93,7 @@ class CampaignOptions(Configuration):
             seeds: seeds of the whole campaign.
 
         Raises:
-            ConfigurationError: the part contains none of these seeds.
+            ConfigurationError: the option selects none of these seeds.
         """
         if not self.seeds:
             return seeds
@@ -176,7 +176,7 @@ def _run(
 ) -> None:
     """Run seeds on a cluster or on this machine.
 
-    On this machine, the first seeds run in this process. Workers on all cores run the other seeds,
+    On this machine, the first seeds run in this process. Worker processes run the other seeds,
     unless the remaining work is shorter than the time to start the workers.
 
     Args:
@@ -367,7 +367,7 @@ class ResultTable(Generic[Row]):
 
 @contextmanager
 def _interruptible() -> Iterator[None]:
-    """Make Ctrl-C raise KeyboardInterrupt within the block."""
+    """Return a context manager in which Ctrl-C raises KeyboardInterrupt."""
     previous = signal.getsignal(signal.SIGINT)
     signal.signal(signal.SIGINT, signal.default_int_handler)
     try:

@@ -24,7 +24,7 @@ from omni_tools.vehicles.plausibility import wheel_facts
 class Tolerances(NamedTuple):
     """Test conditions, and tolerances within which the brakes count as correct.
 
-    A brake is tested only if it was demanded long enough: `braked` or `mean_demand` is reached.
+    A brake can count as idle only if its demand reaches `braked` or `mean_demand`.
 
     Attributes:
         latest: longest delay to search for, in addition to the dead time in the vehicle's file [s].
@@ -111,8 +111,8 @@ class Response(NamedTuple):
     def _slip_of_command(self) -> FloatArray:
         """Return the torque of the ground on wheels that follow their speed commands [N m], (T, N).
 
-        The speed command of a braked wheel decreases along the ramp. The speed command of a
-        released wheel is its rolling speed.
+        The speed command of a braked wheel decreases at the rate of the drive's `ramp`, multiplied
+        by the demand. The speed command of a released wheel is its rolling speed.
         """
         rolling, command = np.abs(self.rolling), np.abs(self.rolling)
         fall = self.demand * self.brake.ramp / self.radius * self.period
@@ -183,8 +183,9 @@ def _acting(demand: FloatArray, period: float, brake: BrakeConfiguration) -> Flo
 def _late(response: Response) -> int:
     """Return the delay of the measured torques relative to `Response.action`, in rows.
 
-    At this delay, the two have the largest correlation near the starts of the stops. Means over all
-    wheels are correlated, because they do not depend on the order of the brakes.
+    It is the delay with the largest correlation of measured torque and action near the starts of
+    the stops. Both are averaged over all wheels first, because the means do not depend on the order
+    of the brakes.
 
     Returns:
         Number of rows; 1 if the dead time in the vehicle's file is correct. Also 1 if no stop
@@ -205,10 +206,10 @@ def _late(response: Response) -> int:
 def swapped(response: Response) -> tuple[int, int] | None:
     """Return the indices of two swapped brakes; None if no swap is found.
 
-    For each wheel, measured and predicted torque are correlated. The mean over all wheels is
-    subtracted from both before, because the pedal acts on all brakes at once. The result is the
-    pair whose swap increases the sum of the correlations most. It is None if the increase is
-    at most `Tolerances.gain`, or if a brake would be idle even after the swap.
+    First, the mean over all wheels is subtracted from the measured and the predicted torques,
+    because the pedal acts on all brakes at once. Both are then correlated for each wheel.
+    The result is the pair whose swap increases the sum of the correlations most. It is None if the
+    increase is at most `Tolerances.gain`, or if a brake would be idle even after the swap.
     """
     pair, best, least = _best_swap(response)
     if best <= least:
@@ -222,7 +223,7 @@ def _best_swap(response: Response) -> tuple[tuple[int, int], float, float]:
 
     Returns:
         Indices of the two brakes; agreement (`_agreement`) after this swap; limit that the
-        agreement must exceed, so that the order in the vehicle's file counts as wrong.
+        agreement must exceed for the order in the vehicle's file to count as wrong.
     """
     late = _late(response)
     pairs = itertools.combinations(range(response.torque.shape[1]), 2)
@@ -245,13 +246,14 @@ def _agreement(response: Response, late: int) -> float:
 
 
 def inverted(response: Response, inverse: Response) -> bool:
-    """Return whether the measured torques agree best with the inverse of the enables.
+    """Return whether the measured torques agree best with inverted brake enables.
 
-    The alternatives are the enables in the order of the vehicle's file and with any two swapped.
+    The alternatives are the enables in the order of the vehicle's file, and the enables after any
+    swap of two brakes.
 
     Args:
-        response: response of the wheels to the enables.
-        inverse: response of the wheels to 1 minus the enables.
+        response: response of the wheels, computed with the recorded enables.
+        inverse: response of the wheels, computed with 1 minus the recorded enables.
     """
     _, best, least = _best_swap(response)
     return _agreement(inverse, _late(inverse)) > max(best, least)

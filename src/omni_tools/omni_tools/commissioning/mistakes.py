@@ -2,10 +2,10 @@
 
 In this run, the vehicle moves forward by a known distance, to the left by a known distance, and
 counter-clockwise by a known angle. Eq. (32) predicts the angle by which each wheel turns in each
-motion. Each hypothesis changes one value of the description in the vehicle's file. The hypothesis
-whose prediction fits the measured wheel angles best identifies the error. Twist sensor, gyro and
-accelerometer are compared with the known motions directly, and the brakes with the enables that
-they should follow.
+motion. Each hypothesis assumes errors in the file's description of the wheels. Of the hypotheses
+that explain the measured wheel angles, the one with the fewest errors is reported. Twist sensor,
+gyro and accelerometer are compared with the known motions directly, and the brakes with the enables
+that they should follow.
 """
 
 import dataclasses
@@ -38,9 +38,10 @@ class Tolerances(NamedTuple):
             of all wheels, which also depends on their load [1].
         offset: limit on the error of a twist sensor's position [m].
         force: minimum acceleration for a test of an IMU's axes [m/s^2].
-        force_heading: limit on the error of an IMU's mounting angle by this acceleration [rad].
-        radius: ratio of wheel speeds from which the encoder, and not the radius, is wrong; a
-            diameter in place of a radius gives 2 [1].
+        force_heading: limit on the error of an IMU's mounting angle, measured by the acceleration
+            [rad].
+        radius: factor between measured and expected wheel speeds above which the encoder, and not
+            the radius, counts as wrong; a diameter in place of a radius gives a factor of 2 [1].
     """
 
     misfit: float = 0.06
@@ -132,7 +133,7 @@ def _predicted(wheels: Mapping[str, WheelMount], known: FloatArray) -> FloatArra
 def _misfit(wheels: Mapping[str, WheelMount], angle: FloatArray, known: FloatArray) -> FloatArray:
     """Return the error of each wheel's angles relative to the predicted ones [1], shape (N,).
 
-    It is infinite for wheels that no vehicle can have.
+    It is infinite if the wheels are not those of a usable platform.
 
     Args:
         wheels: wheels that predict the angles.
@@ -152,8 +153,9 @@ def _wheel_mistakes(
 ) -> list[Mistake]:
     """Return the errors of the encoders and of the description of the wheels.
 
-    After correction of the encoders, a single error that explains all angles is searched for. If
-    there is none and no encoder is wrong, an error of each wheel is searched for.
+    The wheel angles are first corrected for the errors of the encoders. Of the hypotheses that
+    explain the corrected angles, the one with the fewest errors is returned. If there is none and
+    no encoder is wrong, the result is one `Mistake` that names no cause.
 
     Args:
         wheels: wheels as described in the vehicle's file.
@@ -196,7 +198,9 @@ def _explained(
     angle: FloatArray,
     known: FloatArray,
 ) -> tuple[float, list[Mistake]]:
-    """Return the largest misfit of a hypothesis, and its mistakes with the errors of scale.
+    """Return the largest misfit of a wheel under a hypothesis [1], and the mistakes.
+
+    The mistakes are those of the hypothesis and those found by `_scale_errors`.
 
     Args:
         words: name and remedy of each mistake of the hypothesis.
@@ -215,10 +219,10 @@ def _explained(
 def _scale_errors(
     wheels: Mapping[str, WheelMount], angle: FloatArray, known: FloatArray
 ) -> tuple[list[tuple[str, str]], dict[str, WheelMount]]:
-    """Return the errors of radii and levers by name and remedy, and the corrected wheels.
+    """Return errors of the wheels' radii and distances from the center, and the corrected wheels.
 
-    Least squares give the scale of the angles of each wheel, and by how much the scale of the
-    rotation differs.
+    Each error is a pair of name and remedy. A least-squares fit gives the scale of the angles of
+    each wheel, and the difference of this scale in the rotation, which is common to all wheels.
 
     Args:
         wheels: wheels as described in the vehicle's file.
@@ -264,8 +268,9 @@ def _hypotheses(
 ) -> Iterator[tuple[list[tuple[str, str]], dict[str, WheelMount]]]:
     """Yield the mistakes of each hypothesis by name and remedy, and the corrected wheels.
 
-    The hypotheses are the best change of each wheel, which may be none, the best swap of
-    wheels, and the same change of all wheels.
+    In the first hypothesis, each wheel has the change that fits best, or none. In the second,
+    wheels are swapped; it is omitted if no swap fits better. In each further hypothesis, all wheels
+    have the same change.
 
     Args:
         wheels: wheels as described in the vehicle's file.
@@ -299,7 +304,7 @@ def _hypotheses(
 
 
 def _changes(mount: WheelMount) -> Iterator[tuple[str, str, WheelMount]]:
-    """Yield possible errors of a wheel's signs: wrong item, its remedy, and the corrected wheel."""
+    """Yield possible sign errors of a wheel: wrong value, remedy, and the corrected wheel."""
     turned = (mount.heading_deg + 360.0) % 360.0 - 180.0
     for part, remedy, changed in (
         ("direction", "negate the speed, or turn heading_deg by 180", {"heading_deg": turned}),

@@ -201,7 +201,7 @@ def _by_wheel(stream: Stream, field: str, wheels: Sequence[str]) -> quantities.F
 
 
 def unchecked(drive: Signals, motions: Motions) -> dict[str, str]:
-    """Return the parts of the vehicle that cannot be checked, keyed by the topic without values."""
+    """Return the parts of the vehicle that cannot be checked, keyed by the topic lacking values."""
     nothing = np.zeros(0)
     needs = {
         _TWIST: (motions.twist, drive.twist, "twist sensor and brakes"),

@@ -35,7 +35,10 @@ def within_95(ratio: FloatArray) -> BoolArray:
 def undetected(
     ratio: FloatArray, error: FloatArray, least: float = 0.05, deviations: float = 4.0
 ) -> BoolArray:
-    """Return whether each velocity error is undetected: far above its stated deviation, (m,).
+    """Return whether each velocity error is an undetected error, shape (m,).
+
+    The magnitude of such an error exceeds both `least` and `deviations` times the stated standard
+    deviation.
 
     Args:
         ratio: ratio of error to stated standard deviation [1], NaN if unmeasured, shape (m,).
