@@ -78,9 +78,9 @@ class PlanarDisplacement(NamedTuple):
         )
 
     def along_arc(self) -> PlanarDisplacement:
-        """Return the true motion, if the displacements were measured along the sensors' own axes.
+        """Return the true motion for displacements measured along the sensors' own axes.
 
-        Line cameras, for example, rotate with the platform. Their displacements make the argument
+        The axes of line cameras rotate with the platform. Their displacements make the argument
         of the arcsine in (75) equal to the angle, and the path is an arc of the measured length.
         The result is exact for constant velocity and yaw rate.
         """

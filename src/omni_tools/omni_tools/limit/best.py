@@ -96,8 +96,8 @@ class Transcription(NamedTuple):
         end_speed: speed at which a stop ends [m/s].
         smooth_speed: minimum denominator of the slip, which makes the slip a smooth function [m/s].
         rise_time: time in which a brake rises from zero to full torque [s].
-        released: rim speed below which a brake torque may have either sign, as on a wheel that it
-            holds at rest [m/s].
+        released: rim speed below which a brake torque may have either sign, as that of a brake
+            holding its wheel at rest [m/s].
         least_load: lower limit on the load of a wheel [N].
         smoothing: weight of torque changes in the objective; a positive weight makes the solution
             unique.
@@ -214,7 +214,7 @@ class OptimalStop:
         return np.array((x + a_x, y + a_y, yaw, v_x - rate * c_y, v_y + rate * c_x, rate))
 
     def _fit(self) -> _Tire:
-        """Return a smooth tire model with slope, peaks and sliding force of the vehicle's tire."""
+        """Return a smooth model with the slope, peaks and sliding force of the vehicle's tire."""
         tire = self._vehicle.tire
         loads = np.linspace(0.05, 1.0, 20) * tire.largest_load
         curves = [curve_at(tire.kernel_parameters, float(load), 1.0) for load in loads]
@@ -321,7 +321,11 @@ class OptimalStop:
         opti.minimize(self._distance + self._program.smoothing * ca.sumsqr(change))
 
     def _straight_distance(self, last: Any) -> Any:
-        """Return the straight-line distance between base_link at the start and in a state [m]."""
+        """Return the straight-line distance [m] of base_link from its position at the start.
+
+        Args:
+            last: state of the vehicle, a row of `Plan.state`.
+        """
         ca, (c_x, c_y) = self._casadi, self._masses.center
 
         def base(x: Any) -> tuple[Any, Any]:

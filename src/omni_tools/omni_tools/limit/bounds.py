@@ -172,8 +172,9 @@ def straight_sketch(
 ) -> float:
     """Return an upper estimate of `straight_bound` [m] from a few linear programs.
 
-    A run that is longer than this estimate is also longer than the bound, so the bound is not
-    needed. While the brake torque builds up, it is rounded down.
+    A run that is longer than this estimate is also longer than the bound, so the check of this run
+    needs no exact bound. While the brake torque builds up, it is rounded down to a few values. This
+    limits the number of linear programs, and can only increase the estimate.
     """
     cases = _Straight(vehicle, ground, maneuver, sketch=True)
     if _strongest([cases.first()]) <= _LEAST:
@@ -218,7 +219,7 @@ class _Cases:
         self._step = max(math.hypot(*maneuver.twist[:2]) ** 2 / (2.0 * 3.0) / _PLACES, 1e-3)
 
     def distance(self, speed: float) -> float:
-        """Return the distance to rest from a speed [m/s] at the largest decelerations [m].
+        """Return the stopping distance [m] from a speed [m/s] at the largest decelerations.
 
         It is infinite if the vehicle does not come to rest.
         """
@@ -318,10 +319,10 @@ class _Straight(_Cases):
     def near(self) -> list[float]:
         """Deviations of the direction of motion for which the bound is computed [rad].
 
-        Heading and direction of motion may each deviate by `KEPT`, so the ends of the range are
-        twice this angle. Directions in which the motion does not drive a wheel are special: in
-        exactly such a direction, the locked wheel may exert a force of either sign. Such directions
-        within the range are therefore included.
+        Heading and direction of motion may each deviate by `KEPT`, so the range extends to twice
+        this angle on both sides. Directions in which the motion does not drive a wheel are special:
+        in exactly such a direction, the locked wheel may exert a force of either sign. Such
+        directions within the range are therefore included.
         """
         d, active = self._direction, self.limit.active
         away = np.arctan2(d[0] * active[:, 1] - d[1] * active[:, 0], active @ d)
@@ -355,7 +356,7 @@ class _AnyHeading(_Cases):
 class _OneHeading(_AnyHeading):
     """Stops with one constant heading, for the upper estimate of the bound.
 
-    It is the one of `_SKETCHED` equally spaced headings with the largest deceleration.
+    This heading is the one with the largest deceleration among `_SKETCHED` equally spaced headings.
     """
 
     _heading: FloatArray | None = None
@@ -401,7 +402,8 @@ def limit_share(
     """Return the lower bound of the stopping distance, divided by the distance of a run [1].
 
     The bound is valid for stops that keep heading and line of motion. It is computed for the
-    initial velocity of the run, without its yaw rate, and for its largest position of the pedal.
+    velocity at the start of braking, without the yaw rate, and for the largest pedal position of
+    the run.
 
     Args:
         history: history of the run.

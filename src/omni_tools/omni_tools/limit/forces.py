@@ -68,7 +68,7 @@ class Case(NamedTuple):
             no wheel may drive the vehicle.
         torque: limit on the torque of every brake [N m].
         lag: share of the acceleration that does not yet affect the loads [1].
-        standing: whether a wheel may exert a force while locked if the vehicle does not move along
+        standing: whether a locked wheel may exert a force although the vehicle does not move along
             the wheel's active direction.
     """
 

@@ -48,14 +48,14 @@ Load = Callable[[tuple[str, ...]], ExperimentConfiguration]
 
 
 def front(load: Load, maneuver: Maneuver) -> dict[str, Stop]:
-    """Return the shortest known stops and the stops of all laws, keyed by name.
+    """Return the shortest known stops and the stops with all control laws, keyed by name.
 
     Args:
-        load: function that composes the experiment from overrides of the law, with ideal sensors.
+        load: function that composes the experiment with the given overrides.
         maneuver: motion at the start of braking.
 
     Raises:
-        ConfigurationError: CasADi is missing, or the friction of the ground is not uniform.
+        ConfigurationError: CasADi is missing, or the ground is not level or has patches.
     """
     experiment = load(IDEAL)
     ground = experiment.ground

@@ -236,8 +236,8 @@ def design_speed(
         usual: speed if none is given [m/s].
 
     Raises:
-        ConfigurationError: at this speed, consecutive lines overlap by less than 60 % in sideways
-            motion.
+        ConfigurationError: the speed is not above 0, or consecutive lines overlap by less than
+            60 % in sideways motion at this speed.
     """
     limit = area.view.mounted().sideways_speed - yaw_rate * math.hypot(*area.reach)
     if limit <= 0.0:

@@ -164,6 +164,8 @@ class ConditionNumber:
     def information(self, poses: FloatArray) -> FloatArray:
         """Return the distinct elements of ``a^T a`` of a camera at each pose, shape (..., 1, 6).
 
+        The row ``a`` of the sensor matrix maps the twist to the velocity along the camera's axis.
+
         Args:
             poses: x, y [m] and heading [rad] of the axis, shape (..., 3).
         """
@@ -287,7 +289,7 @@ class EvaluatedPlacement(NamedTuple):
 
     @property
     def worst_without(self) -> float:
-        """Largest mean twist error after the failure of one camera [m/s]; infinite if N = 3."""
+        """Largest mean twist error after the failure of a camera [m/s]; infinite for 3 cameras."""
         return float(np.max(self.without))
 
     @property

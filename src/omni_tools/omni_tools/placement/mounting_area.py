@@ -62,7 +62,14 @@ class MountingArea:
         return np.asarray((extent_x <= limit[0]) & (extent_y <= limit[1]))
 
     def wheel_in_the_way(self, poses: FloatArray) -> IntArray:
-        """Return for each pose the index of a wheel too close to the camera, (...); -1 if none."""
+        """Return the index of a wheel that is too close to a camera at each pose; -1 if none.
+
+        Args:
+            poses: x, y [m] and heading [rad], shape (..., 3).
+
+        Returns:
+            Indices, shape (...).
+        """
         found = np.full(poses.shape[:-1], -1, np.int64)
         for index, (wheel, half) in enumerate(self._wheels):
             close = _overlap(poses, self._grown(), wheel, half)
@@ -126,13 +133,13 @@ def _overlap(
 ) -> BoolArray:
     """Return whether rectangles overlap, shape (...).
 
+    Two rectangles are separate if their projections on the direction of any side are separate.
+
     Args:
         a: pose (x, y [m], heading [rad]) of the first rectangle of each pair, shape (..., 3).
         half_a: half the length and width of the first rectangles [m].
         b: pose of the second rectangle of each pair, shape (..., 3) or (3,).
         half_b: half the length and width of the second rectangles [m].
-
-    Two rectangles are separate if their projections on the direction of any side are separate.
     """
     apart_x, apart_y = b[..., 0] - a[..., 0], b[..., 1] - a[..., 1]
     turned = b[..., 2] - a[..., 2]

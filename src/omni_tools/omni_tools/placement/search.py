@@ -65,9 +65,10 @@ class _Unit(NamedTuple):
     """One camera, or two cameras that are symmetric to each other.
 
     Attributes:
-        images: factors of x, y and heading for each camera of the unit, 1 or -1.
+        images: factors (1 or -1) of x, y and heading that map the first camera to each camera of
+            the unit.
         free: whether x, y and heading are free; a fixed x or y is 0.
-        heading: the fixed heading [rad].
+        heading: heading of the first camera if it is not free [rad].
     """
 
     images: tuple[tuple[float, float, float], ...] = (_ITSELF,)

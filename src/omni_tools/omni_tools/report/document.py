@@ -109,7 +109,7 @@ def _columns(values: ArrayLike, stride: int) -> list[str]:
 
     Args:
         values: one or K columns, shape (T,) or (T, K).
-        stride: number of rows from one row of the report to the next.
+        stride: the report contains every row whose index is a multiple of this number.
     """
     with np.errstate(over="ignore"):  # values too large for 32 bits become infinite
         rows = np.asarray(values, dtype="<f4")[::stride]

@@ -146,7 +146,7 @@ def stops_apart(whole: ReportedRun) -> list[ReportedRun]:
 
 
 def compared_runs(path: Path, name: str) -> dict[str, dict[str, Metric]]:
-    """Return the metrics of each stop of a recording and the odometry drift, keyed by stop name.
+    """Return the metrics and the odometry drift of each stop of a recording, keyed by stop name.
 
     For a recording with several stops, the result also has an entry for the whole recording, with
     the number of stops, the length of the path, and the drift.
@@ -287,7 +287,7 @@ def read_configuration(
     """Return the configuration that is stored with a recording, and its values as texts.
 
     Args:
-        path: path of the file.
+        path: path of the configuration file.
         wheel_names: wheel names of the recording, in any order.
 
     Returns:

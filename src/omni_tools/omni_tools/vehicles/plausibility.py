@@ -77,7 +77,7 @@ def brakes_over_grip(facts: Mapping[str, WheelFacts]) -> float:
 
 
 def camera_speed(sensor: LineSensor, direction: float) -> float:
-    """Return the speed along a direction at which consecutive lines overlap by 60 % [m/s].
+    """Return the speed [m/s] at which consecutive lines of a camera overlap by 60 %.
 
     Args:
         sensor: the camera.
@@ -256,7 +256,7 @@ def _camera_remarks(experiment: ExperimentConfiguration) -> Iterator[str]:
 
 
 def _velocity(sensor: Mount, twist: tuple[float, float, float]) -> tuple[float, float]:
-    """Return the velocity of a sensor over the ground [m/s]."""
+    """Return the velocity of a sensor over the ground, in the body frame [m/s]."""
     return twist[0] - twist[2] * sensor.y, twist[1] + twist[2] * sensor.x
 
 

@@ -54,8 +54,8 @@ def roller_remarks(wheels: Mapping[str, WheelMount], poor: float = 0.5) -> tuple
 
     Args:
         wheels: wheels of a platform.
-        poor: ratio of the smallest singular value to that with all roller angles reversed, below
-            which the arrangement is implausible [1].
+        poor: the arrangement is implausible if its smallest singular value is less than this
+            multiple of the value with all roller angles reversed [1].
     """
     rollers = Rollers.of(wheels)
     suspects = _broken_symmetry(wheels)
@@ -113,7 +113,8 @@ def _mirrors_fit(
     Args:
         wheels: wheels of a platform.
         offset: allowed difference of positions, divided by the radius of the platform [1].
-        angle: allowed angle between roller axes [rad]; a wrong sign causes a difference of 90 deg.
+        angle: allowed angle between the roller axis of a wheel and that of its mirror image [rad];
+            a wrong sign causes an angle of 90 deg.
     """
     geometry = PlatformGeometry.from_wheels(wheels)
     near = offset * float(np.max(np.linalg.norm(geometry.position, axis=1)))
