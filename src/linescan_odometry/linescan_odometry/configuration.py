@@ -42,7 +42,7 @@ class SideslipWheel(Configuration):
         """Check that the camera's axis is nearly parallel to the wheel's axis of rotation.
 
         Raises:
-            ConfigurationError: the angle between both axes is too large.
+            ConfigurationError: the angle between the axes is too large.
         """
         along = math.cos(sensor.heading - math.radians(self.steering_deg))
         skew = math.degrees(math.asin(min(1.0, abs(along))))

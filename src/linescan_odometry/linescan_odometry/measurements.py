@@ -49,8 +49,7 @@ class SensorReading:
         reason: reason why velocity and variance are invalid; empty if they are valid.
         static_time: time for which the view of the camera has not changed [s]; 0 if the view
             changed in this batch.
-        remark: description of a defect with which the lines are still usable; empty without a
-            defect.
+        remark: description of a defect that leaves the lines usable; empty without a defect.
         reference_age: age of the earlier line that was compared with the newest line [s]; 0 without
             a comparison.
         persistence: smallest correlation of this earlier line with three lines of the batch,
@@ -162,7 +161,7 @@ class TwistEstimate:
 
     @property
     def reason(self) -> str:
-        """Text that states which sensors did not measure and why, and how the vehicle skids."""
+        """Text that states which sensors did not measure and why, and any skid; may be empty."""
         each: dict[str, SensorReading | FlowReading] = {**self.readings, **self.flows}
         reasons = [f"{name}: {r.reason}" for name, r in each.items() if not r.measured]
         return "; ".join(reasons + ([self.skid] if self.skid else []))

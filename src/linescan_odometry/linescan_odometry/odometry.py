@@ -292,9 +292,10 @@ class LineScanOdometry:
     def _wrong_views(
         self, readings: Mapping[str, SensorReading], twist: FloatArray
     ) -> dict[str, SensorReading]:
-        """Return the reading of an occluded camera, marked as unmeasured, keyed by camera name.
+        """Return the readings of cameras whose view is unsuitable, marked as unmeasured.
 
-        If no camera is occluded, return the readings of cameras over oblique textures in this form.
+        This is the reading of one occluded camera or, if no camera is occluded, the readings of all
+        cameras over oblique textures. The result is keyed by camera name.
 
         Args:
             readings: readings of all cameras, keyed by name.
@@ -362,10 +363,10 @@ class LineScanOdometry:
 
 
 def _tables(configuration: OdometryConfiguration, name: str) -> Path | None:
-    """Return the file with the tables of a camera; None without such a file.
+    """Return the file with the reference tables of a camera; None without such a file.
 
     Raises:
-        ConfigurationError: the folder does not exist.
+        ConfigurationError: the configured folder does not exist.
     """
     if not configuration.flat_field_tables:
         return None

@@ -103,7 +103,11 @@ class BatchCollector:
 
     @classmethod
     def of(cls, configuration: OdometryConfiguration) -> BatchCollector:
-        """Return a collector for all sensors; without cameras, the fastest flow sensors lead."""
+        """Return a collector for all sensors of a configuration.
+
+        With cameras, all flow sensors are followers. Without cameras, the flow sensors with the
+        highest rate start the groups, and the others are followers.
+        """
         flows = configuration.flow_sensors
         leading = list(configuration.sensors)
         if not leading and flows:

@@ -3,8 +3,8 @@
 The dark signal is measured with a covered camera, and the gains with an evenly lit white surface.
 Both are used to correct lines before a measurement. Pixels that receive hardly any light are
 interpolated. Dirt, shadows and mud are not part of the references; they are estimated together with
-the displacement. The file may also contain such an estimate from an earlier run. The estimator then
-uses it as its initial value.
+the displacement. The file with the tables may also contain the fixed pattern that was estimated in
+an earlier run; the estimator then starts with this pattern.
 """
 
 from pathlib import Path

@@ -112,9 +112,7 @@ def _wrapped(name: str, width: int) -> Text:
 
 
 def in_small_units(entries: Sequence[Metric | None]) -> tuple[str, list[Metric | None]]:
-    """Return the unit and the entries of a row, with lengths below 0.2 m in millimeters.
-
-    Lengths are converted only if all lengths of the row are below 0.2 m.
+    """Return the unit and the entries of a row, in millimeters if all are lengths below 0.2 m.
 
     Args:
         entries: entry of each column; None if the variant of the column does not have the quantity.

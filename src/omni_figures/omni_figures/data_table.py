@@ -54,7 +54,8 @@ def write_lines(path: Path, figure: Figure) -> Path:
 
     Args:
         path: path of the file.
-        figure: the figure, whose panels have a title or a label of the vertical axis.
+        figure: the figure; the first column of the table names each panel by its title or, without
+            a title, by the label of its vertical axis.
     """
     rows: list[tuple[str, str, float, float]] = []
     for axes in figure.axes:

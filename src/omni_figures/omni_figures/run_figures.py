@@ -19,7 +19,7 @@ def draw_run_figures(
     histories: Mapping[str, history.RunHistory],
     folder: Path,
 ) -> list[Path]:
-    """Draw the top view (like Figures 24, 30) and the time series (like Figures 31, 32).
+    """Draw top view and time series of the runs, like Figures 24 and 31 of the dissertation.
 
     Args:
         configurations: configurations keyed by variant; vehicle and ground are taken from the first

@@ -132,7 +132,7 @@ def _span(history: RunHistory) -> _Span:
 
 
 def _equal_distances(span: _Span, count: int, step: float) -> list[float]:
-    """Return times that divide the path of a run into about equal distances [s].
+    """Return times [s] that divide the path of a run into about equal distances.
 
     Args:
         span: the run from the start of braking to rest.
@@ -148,7 +148,7 @@ def _equal_distances(span: _Span, count: int, step: float) -> list[float]:
 def _free_instants(
     scene: Scene, span: _Span, instants: Iterable[float], step: float, arrow_scale: float
 ) -> list[float]:
-    """Return times at which snapshots neither overlap each other nor the first and last one [s].
+    """Return times [s] of snapshots that overlap neither each other nor the first and last one.
 
     Args:
         scene: the vehicle.

@@ -90,7 +90,10 @@ def note(
 
 
 def time_label(histories: Iterable[RunHistory]) -> str:
-    """Return the label of a time axis that begins with braking, or with the run if none brakes."""
+    """Return the label of a time axis whose zero is the start of braking.
+
+    If no vehicle brakes, zero is the start of the run.
+    """
     braking = any(history.brake_start is not None for history in histories)
     return "time since braking" if braking else "time since the start"
 

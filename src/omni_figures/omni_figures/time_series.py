@@ -1,4 +1,4 @@
-"""Velocities and errors over time while braking, like Figures 31 and 32.
+"""Velocities and errors over time while braking, like Figures 31 and 32 of the dissertation.
 
 The figure has one column per variant. Its rows show the linear velocity in the body frame, the yaw
 rate, the switching functions s_i of the wheels ("errors"), and the times at which each brake was
@@ -96,7 +96,10 @@ def _draw_errors(axes: Axes, history: RunHistory, wheels: Sequence[str]) -> None
 
 
 def _draw_brakes(axes: Axes, history: RunHistory, wheels: Sequence[str]) -> None:
-    """Draw a strip for each wheel; its height is the share of the brake pressure on the wheel."""
+    """Draw a strip for each wheel.
+
+    Its height is the share of the demanded brake pressure that acts on the wheel.
+    """
     axes.grid(False, axis="y")
     axes.set_yticks(range(len(wheels)), [name.replace("_", " ") for name in wheels])
     axes.set_ylim(len(wheels) - 0.4, -0.6)  # the first wheel on top

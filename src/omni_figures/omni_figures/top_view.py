@@ -1,4 +1,4 @@
-"""Top view of braking: snapshots of every variant, like Figures 24 and 30.
+"""Top view of braking: snapshots of every variant, like Figures 24 and 30 of the dissertation.
 
 Every variant has a panel, all with the same scale, so that distances can be compared by eye. Times
 are counted from the start of braking; `snapshots` selects the moments.
@@ -53,7 +53,7 @@ def draw_ground(axes: Axes, scene: Scene) -> None:
 
 
 def draw_paths(axes: Axes, history: RunHistory) -> None:
-    """Draw the path of `base_link`, and the line of motion at the start of braking."""
+    """Draw the path of `base_link`, and a line along its velocity at the start of braking."""
     axes.plot(*history.pose[:, :2].T, zorder=8, **_TRAIL)
     start = history.brake_start
     if start is not None:
@@ -103,7 +103,7 @@ def _draw_wheels(
 ) -> None:
     """Draw the wheels with their active directions at one time stamp.
 
-    The tint of a wheel shows the share of the brake pressure.
+    The tint of a wheel shows the share of the demanded brake pressure that acts on it.
 
     Args:
         axes: axes to draw on.
@@ -136,7 +136,7 @@ def _share(history: RunHistory, index: int, wheel: str) -> float:
 
 
 def _tinted(color: str, share: float) -> tuple[float, ...]:
-    """Return the RGB values of a mixture of white and `color`; `share` of `color` is 0 to 1."""
+    """Return a mixture of white and `color` as RGB values; `share` of `color` is 0 to 1."""
     return tuple(1.0 - share * (1.0 - part) for part in to_rgb(color))
 
 

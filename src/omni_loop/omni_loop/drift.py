@@ -40,7 +40,7 @@ def odometry_path(history: RunHistory) -> FloatArray:
 
 
 def absolute_error(truth: FloatArray, path: FloatArray) -> float:
-    """Return the root mean square distance between two paths (T, 3) at the same stamps [m]."""
+    """Return the root mean square distance [m] of two paths, shape (T, 3), at the same stamps."""
     return float(np.sqrt(np.mean(np.sum((path[:, :2] - truth[:, :2]) ** 2, axis=1))))
 
 

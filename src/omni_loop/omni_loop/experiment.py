@@ -65,12 +65,12 @@ class ExperimentConfiguration(SimulatorConfiguration):
 
     @property
     def uses_lines(self) -> bool:
-        """Whether the twist of the brake assistant is computed from the lines of the cameras."""
+        """Whether the brake assistant uses a twist that is computed from camera lines."""
         return self.feedback != "velocity_sensor"
 
     @property
     def twist_period(self) -> float:
-        """Time between two received twists [s]; 0 if every step has a twist."""
+        """Time between two twists for the brake assistant [s]; 0 for one at every control stamp."""
         return 0.0 if self.uses_lines else self.velocity_sensor.sample_time
 
     @property
@@ -301,7 +301,9 @@ class ExperimentLibrary:
         return resolved
 
     def located(self, kind: str, name: str) -> str:
-        """Return the file in a vehicle's or experiment's folder; any other name is unchanged.
+        """Return the path of the file in the folder of a vehicle or experiment.
+
+        If `name` is not such a folder, `name` is returned unchanged.
 
         Args:
             kind: configuration folder that usually contains such files, such as ``vehicles``.

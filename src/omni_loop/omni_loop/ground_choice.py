@@ -18,7 +18,7 @@ def ground_overrides(ground: str | None, dpi: float | None) -> tuple[str, ...]:
 
     Args:
         ground: name of a ground, a YAML file or a picture; None keeps the experiment's ground.
-        dpi: dots per inch of the picture on the ground; None keeps the experiment's value.
+        dpi: dots of the picture per inch of ground; None keeps the experiment's value.
 
     Raises:
         ConfigurationError: a picture is given without dots per inch.

@@ -172,7 +172,10 @@ class RunHistory:
 
     @property
     def braking_time(self) -> FloatArray:
-        """Time since the start of braking, or since the first stamp without braking [s], (T,)."""
+        """Time since the start of braking [s], shape (T,).
+
+        If the pedal is never down, the time is counted from the first stamp.
+        """
         stamps = self.stamp_ns - self.stamp_ns[self.brake_start or 0]
         return np.asarray(stamps * 1e-9, dtype=np.float64)
 

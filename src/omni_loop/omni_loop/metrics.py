@@ -218,7 +218,7 @@ def _lateral_deviation(path: FloatArray, v_c0: FloatArray) -> float:
 
 
 def _fail_safe_share(states: tuple[str, ...]) -> Metric:
-    """Return the share of the given states of the assistant that are faults [1].
+    """Return the share of faults among the given states of the brake assistant [1].
 
     The value is NaN if no state is known.
     """

@@ -1,10 +1,10 @@
 """Reading of a run from its rosbag2 folder, without ROS.
 
 Only the topics of a `RunHistory` are decoded. The line batches, which make up nearly all of a
-recording, are skipped. `ground_truth/odom` gives the control stamps. Every other message belongs to
-the first control stamp that is not before the stamp of the message. A twist of the odometry has the
-stamp of its newest line, which is up to one line period before the control stamp. `stops_of`
-divides the history of a recording with several stops into one history per stop.
+recording, are skipped. `ground_truth/odom` gives the control stamps. Every other message is
+assigned to the first control stamp that is not before the stamp of the message. A twist of the
+odometry has the stamp of its newest line, which is up to one line period before the control stamp.
+`stops_of` divides the history of a recording with several stops into one history per stop.
 """
 
 from __future__ import annotations

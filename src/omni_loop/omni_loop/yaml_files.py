@@ -75,7 +75,7 @@ def read_mapping(path: Path, key: str) -> dict[str, Any]:
 class Part(dict[str, Any]):
     """Values of a part, such as a vehicle, read from a file.
 
-    In `merge`, a `Part` of the layer replaces the whole part.
+    `merge` replaces all values of a part if the layer contains a `Part`.
     """
 
 
@@ -152,7 +152,7 @@ def check_complete(
 
 
 def set_default(tree: dict[str, Any], node: str, name: str, truth: Any) -> None:
-    """Set a value of a node to the simulator's value if the experiment does not contain it.
+    """Set a parameter of a node to the simulator's value, unless the experiment sets it.
 
     Args:
         tree: experiment, changed in place.

@@ -42,8 +42,8 @@ class LineAssembler:
 
         Args:
             picture: gray levels, shape (height, width).
-            arrival_ns: stamp of the driver, or time of arrival [ns].
-            number: frame number from the driver; None if the driver does not number frames.
+            arrival_ns: stamp of the camera driver or, without such a stamp, time of arrival [ns].
+            number: frame number from the camera driver; None if frames are not numbered.
 
         Raises:
             FrameError: the picture does not contain the configured rows, or its lines have another

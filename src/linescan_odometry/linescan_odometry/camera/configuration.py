@@ -53,7 +53,7 @@ class CameraConfiguration(Configuration):
         return Cut(row_range(self.rows, "rows"), self.band, self.columns)
 
     def check_consistency(self) -> None:
-        """Check that sensor and source are given and that the selected rows are valid."""
+        """Check that a sensor and a source are given, and that the row parameters are valid."""
         if not self.sensor or not self.source:
             raise ConfigurationError("source" if self.sensor else "sensor", "is empty")
         if row_range(self.rows, "rows") == (0, 0):

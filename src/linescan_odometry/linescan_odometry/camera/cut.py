@@ -32,7 +32,8 @@ class Cut:
         """Return the lines of a picture as 8 or 16 bit integers, shape (m, n).
 
         Raises:
-            FrameError: the picture does not have these rows, or its values are not gray levels.
+            FrameError: the picture is not two-dimensional, does not contain the selected rows, or
+                has values that are not gray levels.
         """
         if picture.ndim != 2:
             raise FrameError(f"has {picture.ndim} dimensions; an array of lines must have two")
@@ -48,14 +49,16 @@ class Cut:
 
 
 def row_range(text: str, key: str) -> tuple[int, int] | None:
-    """Return the indices of the first row and of the row after the last; None for an empty text.
+    """Return the range of rows that a parameter selects; None for an empty text.
+
+    The range consists of the index of the first row and the index of the row after the last.
 
     Args:
         text: value of the parameter, such as ``240`` or ``236:244``.
         key: name of the parameter, for messages.
 
     Raises:
-        ConfigurationError: the text does not have one of these forms.
+        ConfigurationError: the text is neither a row nor a range of rows.
     """
     if not text:
         return None

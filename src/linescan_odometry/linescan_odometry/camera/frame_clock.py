@@ -2,10 +2,10 @@
 
 A camera takes frames at a constant rate, but the frames arrive with varying delays. The odometry
 needs constant periods. It must also detect lost frames, because they change the time in which a
-displacement occurs. The frame numbers of the driver reveal lost frames. Without frame numbers, if a
-frame arrives more than half a period late, a frame before it is assumed to be lost. If the next
-frame shows that the frame was only late, the clock is reset, and the lines before and after the
-reset are not joined.
+displacement occurs. Frame numbers from the camera driver reveal lost frames. Without frame numbers,
+if a frame arrives more than half a period late, a frame before it is assumed to be lost. If the
+next frame shows that the frame was only late, the clock is reset, and the lines before and after
+the reset are not joined.
 """
 
 _FOLLOWED = 0.05  # share of a frame's timing error by which its stamp is corrected
@@ -26,7 +26,7 @@ class FrameClock:
         """Create a clock that has received no frame.
 
         Args:
-            rate: configured frames per second [1/s].
+            rate: configured frame rate [1/s].
         """
         self._nominal_ns = 1e9 / rate
         self._period_ns = 1e9 / rate
@@ -41,11 +41,13 @@ class FrameClock:
         return 1e9 / self._period_ns
 
     def take(self, arrival_ns: int, number: int | None = None) -> tuple[int, int]:
-        """Return the stamp of a frame and the number of frames lost before it.
+        """Return the stamp of a frame [ns] and the number of frames lost before it.
+
+        If the clock is reset, this number is at least 1, so that the lines are not joined.
 
         Args:
-            arrival_ns: stamp of the driver, or time of arrival [ns].
-            number: frame number from the driver; None if the driver does not number frames.
+            arrival_ns: stamp of the camera driver or, without such a stamp, time of arrival [ns].
+            number: frame number from the camera driver; None if frames are not numbered.
         """
         before, self._number = self._number, number
         if self._last_ns is None:

@@ -35,8 +35,8 @@ class Frame:
 
     Attributes:
         picture: gray levels, shape (height, width).
-        number: frame number from the driver; None if the driver does not number frames.
-        stamp_ns: stamp from the driver on the monotonic clock [ns]; None without such a stamp.
+        number: frame number from the camera driver; None if frames are not numbered.
+        stamp_ns: stamp from the camera driver on the monotonic clock [ns]; None without a stamp.
     """
 
     picture: NDArray[np.uint8] | NDArray[np.uint16]

@@ -274,7 +274,10 @@ def subtract(products: Products, layout: Layout, fixed: Spectrum) -> Remainder:
 
 @kernel
 def against_noise(rest: Remainder, layout: Layout) -> Remainder:
-    """Return correlations with all pairs of lines counted as independent, as they are in noise."""
+    """Return the correlations, with all pairs of lines counted as independent.
+
+    Pairs of lines that contain only noise are independent.
+    """
     pairs = np.maximum(layout.lines - lags(layout.lines), 1).astype(np.float32)
     return Remainder(rest.lagged, rest.power, np.ones_like(rest.number) * pairs.reshape(-1, 1))
 
@@ -399,8 +402,8 @@ def decide(
         evidence: log-likelihood ratio of each candidate from `rate` [nats], shape (c,).
         unlikely: negative logarithm of each candidate's prior [nats], shape (c,).
         limits: two numbers. The first is the minimum log-likelihood of an accepted displacement
-            [nats]. The second is the ratio of the second-largest log-likelihood to the largest one
-            above which the choice is ambiguous [1].
+            [nats]. The second is a ratio of log-likelihoods [1]: the choice is ambiguous if the
+            second-largest one, divided by the largest one, exceeds this ratio.
     """
     likely, ratio = limits
     order = np.argsort(unlikely - evidence)

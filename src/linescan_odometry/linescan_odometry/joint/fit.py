@@ -3,8 +3,9 @@
 The variance is the sandwich estimate ``J^-1 B J^-1`` over segments of the ground. J is the observed
 curvature of the log-likelihood. It is smaller than the expected curvature where the texture loses
 its coherence faster than in the model: in oblique motion and in turns. B is the covariance of the
-derivative of the log-likelihood by Newey and West (1987): segments up to `_CORRELATED` apart may
-have correlated errors, because texture that is longer than a segment is part of several of them.
+derivative of the log-likelihood, estimated by the method of Newey and West (1987): the errors of
+segments up to `_CORRELATED` apart may be correlated, because texture that is longer than a segment
+is part of several segments.
 The sandwich is valid even if the noise is not white and the model is not exact.
 """
 
@@ -73,7 +74,7 @@ def _shared(cut: Cut) -> float:
 
 @kernel
 def _gain(cut: Cut) -> float:
-    """Return the energy of the gradients of a line of white noise, divided by its variance."""
+    """Return the gradient energy of a line of white noise with variance 1."""
     taper = window(cut.length)
     own = 0.0
     for i in range(len(taper)):
@@ -88,8 +89,8 @@ def _gain(cut: Cut) -> float:
 def _noise(lines: Floats) -> float:
     """Return the median of the pixels' noise variances, estimated from lines of shape (m, n).
 
-    Differences between lines contain no fixed pattern. The third differences of these along the
-    line contain hardly any ground texture, because the optics blur it.
+    The difference of two lines contains no fixed pattern. Its third differences along the line
+    contain hardly any ground texture either, because the optics blur the texture.
     """
     m, n = lines.shape
     square = np.zeros(n - 3, np.float32)
@@ -206,10 +207,10 @@ def _places(here: Expansion, moved: Spectrum, weight: Doubles, pixels: int) -> D
     and 2 are the coherent and the total energy. Column 3 is the derivative of the log-likelihood
     with respect to d, computed from neighboring lines alone.
 
-    Each property is a sum of products of lines over the positions in a segment, on a grid as coarse
-    as the highest frequency allows. The energy is the information ``f^2 gamma^2 / (1 - gamma^2)``
-    of a coherence gamma. Its coherent part is computed from products of neighboring lines, in which
-    only the ground is correlated.
+    Each property is a sum of products of lines over the grid points in a segment. The grid is as
+    coarse as the highest frequency allows. The energy is the information
+    ``f^2 gamma^2 / (1 - gamma^2)`` of a coherence gamma. Its coherent part is computed from
+    products of neighboring lines, in which only the ground is correlated.
 
     Args:
         here: expansion of the log-likelihood near its maximum.

@@ -45,7 +45,10 @@ class FixedPattern(NamedTuple):
     precision: spectra.Doubles
 
     def deviation(self, pixels: int) -> float:
-        """Return the standard deviation of the gains of n pixels, relative to their mean [1]."""
+        """Return the standard deviation of the pixel gains, relative to their mean [1].
+
+        The argument `pixels` is the number of pixels of a line.
+        """
         power = np.abs(shrink(self.information, self.precision)) ** 2
         size = len(power) / spectra.HIGHEST
         return math.sqrt(2.0 * float(power.sum()) / (pixels * size))  # by Parseval's theorem

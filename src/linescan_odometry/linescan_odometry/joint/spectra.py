@@ -36,7 +36,7 @@ summing = njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"
 
 @summing
 def sum_of(values: Floats) -> float:
-    """Return the sum of `values`, shape (n,)."""
+    """Return the sum of the elements of `values`."""
     result = np.float32(0.0)
     for i in range(len(values)):
         result += values[i]
@@ -73,7 +73,7 @@ def bands(size: int) -> NDArray[np.int64]:
 
 @_fast
 def smoothed(values: Doubles) -> Doubles:
-    """Return a spectrum that is averaged over neighboring frequencies, shape (F,)."""
+    """Return the values of a spectrum, averaged over neighboring frequencies, shape (F,)."""
     count = len(values)
     total = np.zeros(count + 1)
     for i in range(count):
@@ -331,7 +331,10 @@ def pivots(band: Doubles, inverse: Floats | Doubles) -> float:
 def solve(
     off: Doubles, inverse: Doubles, noise: Doubles, values: NDArray[np.complex128]
 ) -> NDArray[np.complex128]:
-    """Return T^-1 times the values of the lines in each band, with T of `whiten`, shape (m, B).
+    """Return T^-1 times the values of the lines in each band, shape (m, B).
+
+    `whiten` defines the covariance T.
+
 
     Args:
         off: off-diagonal element from `pivots`, shape (B,).

@@ -1,8 +1,8 @@
 """Search for the shift between lines by any distance measure, with an optional window and prior.
 
-Equation and section numbers refer to the dissertation. Each shift is evaluated with integers over
-the true overlap. The sum is divided by the number of its pixels, since otherwise a sum over fewer
-pixels would be smaller:
+Equation and section numbers refer to the dissertation. For each shift, integer sums are computed
+over the true overlap of the lines. A sum is divided by the number of common pixels, since otherwise
+a sum over fewer pixels would be smaller:
 
 | metric | distance at a shift with N common pixels |
 |---|---|
@@ -18,9 +18,9 @@ it therefore prefers longer overlaps. The first three distances are *not* invari
 brightness, contrary to section 4.3.2. The cosine is not invariant at low contrast.
 
 Two methods of section 4.6 use the last displacement. With a **window**, only shifts near the last
-displacement are searched, as long as the best of these shifts is credible. A **prior** multiplies
-the distance at shift s by ``1 + weight |s - before| / limit``, which favors small changes of
-velocity.
+displacement are searched; if the best of these shifts is not credible, all shifts are searched. A
+**prior** multiplies the distance at shift s by ``1 + weight |s - before| / limit``, which favors
+small changes of velocity.
 """
 
 import math

@@ -2,11 +2,11 @@
 
 One cross-correlation by FFT gives the products for all shifts at once. The means and standard
 deviations of the overlapping parts are computed from running sums. The sums of a line are used for
-both line pairs that contain the line. This step has single precision. It only selects the
+both line pairs that contain the line. This first step, in single precision, only selects
 candidates: the shifts whose correlation could be the largest, given a bound on the rounding error.
-The correlations of the candidates are then computed with integers. The result therefore equals that
-of a direct evaluation, for 8-bit and 16-bit lines. It does not depend on the rounding of the FFT or
-on the grouping of lines into batches.
+In a second step, the correlations of the candidates are computed with integers. The result
+therefore equals that of a direct evaluation, for 8-bit and 16-bit lines. It does not depend on the
+rounding of the FFT or on the grouping of lines into batches.
 """
 
 import math

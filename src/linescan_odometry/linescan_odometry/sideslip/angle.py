@@ -81,7 +81,8 @@ class WheelSideslip:
         """Compute the constants of the measurement.
 
         These are the angle of the camera's axis from the rolling direction of the wheel, and the
-        lever arm by which the yaw rate about the wheel's center acts on the camera.
+        lever arm of this axis about the wheel's center. The camera measures the yaw rate times this
+        lever arm.
 
         Raises:
             ConfigurationError: the camera's axis is more than 30 deg from the axis of rotation.

@@ -4,7 +4,7 @@ Source: dissertation, section 4.6 and Figure 70. A wheel that is not steered rol
 x axis and, as long as it grips, does not move sideways. The same is true for every point on the
 line through its axle. For an axle at x = a, the constraint on the sideways velocity v_y and the yaw
 rate Omega of the body is ``v_y + a Omega = 0``. It adds one row to the equations of the sensors.
-The row equals that of a line camera at (a, 0) that points to the left and measures zero. The
+The row equals that of a line camera at (a, 0) that measures zero along an axis to the left. The
 constraint is valid for the driven axle of a differential drive and the rear axle of an Ackermann
 drive, but not for omni-wheels.
 
@@ -44,6 +44,6 @@ class KinematicsConfiguration(Configuration):
         """Return the variance of the axle's sideways velocity [m^2/s^2].
 
         Args:
-            speed: largest velocity along the axis of a sensor [m/s].
+            speed: magnitude of the largest velocity that a sensor measured [m/s].
         """
         return self.deviation**2 + math.pow(self.deviation_share * speed, 2)

@@ -128,9 +128,9 @@ def _compare(
     abort_below: float,
     gradient: Float32Array,
 ) -> tuple[float, float]:
-    """Return the correlation of the two newest lines, and of newer lines with an earlier line.
+    """Return two correlations: of the two newest lines, and of newer lines with an earlier line.
 
-    All correlations are those of the gradients of the lines.
+    Instead of the lines themselves, their gradients are correlated.
 
     Args:
         lines: consecutive lines, oldest first, shape (m + 1, n).

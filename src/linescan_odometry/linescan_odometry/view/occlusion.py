@@ -24,7 +24,10 @@ class Covers:
     """Detects occluded cameras by comparing the view of each camera with its motion."""
 
     def __init__(self, sensors: Mapping[str, LineSensor]) -> None:
-        """Create the detection for all cameras, for a vehicle at rest without occluded cameras."""
+        """Create the detection for all cameras.
+
+        Until a measurement, the vehicle is assumed to be at rest, and no camera is occluded.
+        """
         self._sensors = sensors
         # Rows that convert the twist to the velocity along and across each camera's axis; the
         # velocity across it is positive to the left.
