@@ -2,9 +2,9 @@
 
 A sensor integrates the motion of its mounting position along its own axes. At its own rate it
 returns the whole counts since the last reading; a remaining fraction is added to the next reading.
-The driver divides the counts by the elapsed time and publishes the velocity with the variance of
-noise and rounding. Above its maximum speed the sensor has no valid reading; real sensors report
-this as a low surface quality.
+The sensor driver divides the counts by the elapsed time and publishes the velocity with the
+variance due to noise and rounding. Above its maximum speed the sensor has no valid reading; real
+sensors report this as a low surface quality.
 """
 
 import math

@@ -26,7 +26,7 @@ _SCRIPTED = "not possible in a scripted run; restart the node, or start it with 
 
 
 class RunControl:
-    """Stores requests to pause, continue or step a run and to place the vehicle, for its loop.
+    """Stores requests for the simulation loop: to pause, resume or step, or to place the vehicle.
 
     Args:
         node: node that provides the services.

@@ -60,7 +60,7 @@ def largest_speed(twist: NDArray[np.float64]) -> float:
 
 @lean
 def run_outcome(end: End, memory: Any, stamp_ns: int, pedal: float, speed: float) -> int:
-    """Update the memory with a control stamp and return RUNNING, STOPPED or TIME_LIMIT.
+    """Update the memory at a control stamp, and return RUNNING, STOPPED or TIME_LIMIT.
 
     Args:
         end: conditions for the end.

@@ -269,7 +269,7 @@ class SimulatorNode(Node):
         return self._enable_stamp_ns == stamp_ns and (not awaited or self._has_twist(stamp_ns))
 
     def silent_node(self, stamp_ns: int) -> str:
-        """Return words that name the node whose message for this step is missing, and the topic."""
+        """Return the node whose message for this step is missing, and the topic, as a text."""
         if self._has_twist(stamp_ns):
             return "brake_assist (nothing on brake/enable)"
         return "linescan_odometry (nothing on odometry/twist)"

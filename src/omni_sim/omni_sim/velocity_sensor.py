@@ -57,8 +57,8 @@ class SensorConstants(NamedTuple):
 
     Attributes:
         period_ns: period of the samples [ns].
-        share: half widths of the noise of v_x, v_y, yaw rate, as shares of the value [1],
-            shape (3,).
+        share: half widths of the uniform noise of v_x, v_y and yaw rate, each divided by the true
+            value [1], shape (3,).
         offset: constant errors [m/s, m/s, rad/s], shape (3,).
         fails_from_ns: time at which the fault begins [ns].
         fails_until_ns: time at which the fault ends [ns].
@@ -119,7 +119,7 @@ def read(
     draw: FloatArray,
     reading: FloatArray,
 ) -> int:
-    """Take a sample if one is due, write the present reading, and return its time [ns].
+    """Take a sample if one is due, write the present reading, and return its time stamp [ns].
 
     Args:
         sensor: constants.

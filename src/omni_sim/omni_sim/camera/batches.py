@@ -207,9 +207,9 @@ class LineExposures:
 class _Batches(Mapping[str, LineBatch]):
     """Lines of each camera in one control period, keyed by the name of the camera.
 
-    A background thread renders the lines of one camera after another. If lines are read before it
-    has begun to render them, they are rendered at once. The odometry can therefore process the
-    lines of one camera while the lines of another camera are rendered.
+    A background thread renders the lines of one camera after another. If the lines of a camera are
+    read before the thread has begun to render them, the reader renders them. The odometry can
+    therefore process the lines of one camera while the lines of another camera are rendered.
     """
 
     def __init__(self, exposures: Mapping[str, _Exposure], cameras: LineCameraArray) -> None:

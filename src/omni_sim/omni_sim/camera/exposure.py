@@ -1,11 +1,12 @@
 """Sensor noise and quantization of rendered lines.
 
-The noise is a function of key, line index and pixel only (counter-based generator). The noise of a
-line is therefore independent of the division of lines into batches and threads. A 64-bit SplitMix
-hash of the counter gives four 12-bit numbers. The noise of a pixel is the sum of two values that
-these numbers select from a table of normal quantiles. The noise has about 2^23 different values and
-exactly the configured standard deviation. The magnitude of its excess kurtosis is below 0.01, and
-it is limited to 5.2 standard deviations. Drawing normal variates would take much longer.
+The noise depends only on the key, the line index and the pixel (counter-based generator). The noise
+of a line is therefore independent of the division of lines into batches and threads. For each pair
+of pixels, a 64-bit SplitMix hash gives four 12-bit numbers, two for each pixel. The noise of a
+pixel is the sum of the two values that its numbers select from a table of normal quantiles. The
+noise has about 2^23 different values and exactly the configured standard deviation. The magnitude
+of its excess kurtosis is below 0.01, and it is limited to 5.2 standard deviations. Drawing normal
+variates would take much longer.
 """
 
 import functools

@@ -173,7 +173,7 @@ def blur_samples(
         sensor: the camera, with its true field of view.
         exposure_time: duration of an exposure [s].
         headings: direction of the camera's axis in the world [rad], shape (m,).
-        velocities: velocity of the footprint's center along x, y and yaw rate, in the world
+        velocities: velocity of the footprint's center along x and y of the world, and yaw rate
             [m/s, m/s, rad/s], shape (m, 3).
     """
     cosine, sine = np.cos(headings), np.sin(headings)

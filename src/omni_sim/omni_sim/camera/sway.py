@@ -1,8 +1,8 @@
 """Motion of the sensors' fields of view on a sprung chassis.
 
-A sprung chassis tilts about its center of gravity, which is at the height h. Let p be the gradient
-of the chassis forward, and r its gradient to the left. A line of sight perpendicular to the chassis
-then meets the ground at a point that is shifted by
+A sprung chassis tilts about its center of gravity, which is at the height h. Let p and r be the
+gradients of the chassis in the forward direction and to the left. A line of sight perpendicular to
+the chassis meets the ground at a point that is shifted by
 
     h (p, r)
 

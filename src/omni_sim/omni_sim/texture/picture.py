@@ -3,8 +3,8 @@
 A picture is used like the dissertation's scans (section 4.4): its pixels are texels of known size.
 The user specifies the dots per inch on the ground, because files do not contain them reliably. The
 largest square in the middle is converted to 8-bit gray levels (ITU-R 601). Along two edges, a strip
-with about a sixteenth of the square's width is blended with the strip along the opposite edge,
-which is then cut off. The ground is therefore seamless when tiled.
+with about a sixteenth of the square's width is blended with the strip along the opposite edge. The
+strip along the opposite edge is then cut off. The ground is therefore seamless when tiled.
 """
 
 import struct
@@ -126,7 +126,7 @@ def _gray(path: Path, picture: Image.Image) -> NDArray[np.uint8]:
 
 
 def _blend(gray: NDArray[np.uint8], period: int) -> None:
-    """Blend the first columns with those from `period` on, so that the texture is seamless."""
+    """Blend the columns from `period` on into the first columns, for a seamless texture."""
     overlap = gray.shape[1] - period
     share = ((np.arange(overlap) + 0.5) / overlap).astype(np.float32)
     after = gray[:, period:].astype(np.float32)

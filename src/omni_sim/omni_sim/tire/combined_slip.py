@@ -123,7 +123,7 @@ def combined_forces(
         tire: tire with the curves of both directions, as in Table 1.
         slip_x: longitudinal slip, Eq. (1) [1].
         slip_y: lateral slip, Eq. (2) [1].
-        load: wheel load [N], limited to 0 to the model's largest load.
+        load: wheel load [N], clipped between 0 and the model's largest load.
         friction: friction factor ``mu/mu_0`` [1].
 
     Returns:

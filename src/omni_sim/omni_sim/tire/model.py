@@ -76,15 +76,14 @@ class FitRecipe:
         upper: upper bounds of the unknowns, shape (P,).
         loads: number of distinct loads that the fit requires.
         start: function that returns the initial unknowns, shape (P,), from `Landmarks`.
-        parameters: function that returns the constants of the kernels; it has the arguments of
-            `scale`.
-        mapping: function that returns the model's configuration as nested mappings; it has the
-            arguments of `scale`.
+        parameters: function that returns the constants of the kernels. Its arguments are the values
+            of `keys`, shape (P,), and the largest load in the data [N].
+        mapping: function that returns the model's configuration as nested mappings; its arguments
+            are those of `parameters`.
         values: function that converts unknowns, shape (P, ...), to the values of `keys`. An unknown
             may be the ratio of two values, so that one value stays below the other.
         scale: function that returns the typical magnitudes of the values, shape (P,), with which
-            standard errors are compared. Its arguments are the values and the largest load in the
-            data [N].
+            standard errors are compared; its arguments are those of `parameters`.
     """
 
     keys: tuple[str, ...]
@@ -175,7 +174,7 @@ def force_at(curve: Any, slip: float) -> tuple[float, float]:
 def contact_friction(
     demand: float, damping: float, gain: float, speed: float, curve: Any, sliding: bool
 ) -> tuple[float, float, bool]:
-    """Solve ``demand = damping w + gain F(w / speed)`` for the sliding speed of the patch.
+    """Solve ``demand = damping w + gain F(w / speed)`` for the sliding speed ``w``.
 
     Also callable in kernels; `wheel.single` derives the equation.
 

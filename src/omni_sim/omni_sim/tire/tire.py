@@ -110,7 +110,7 @@ class Tire:
         """Return slope [N], peak and sliding force [N] and peak slip [1] at a load.
 
         Args:
-            load: wheel load [N], limited to 0 to the model's largest load.
+            load: wheel load [N], clipped between 0 and the model's largest load.
             friction: friction factor ``mu/mu_0`` [1].
         """
         clamped = min(max(float(load), 0.0), self.configuration.largest_load)
@@ -122,7 +122,7 @@ class Tire:
 
         Args:
             slip: slip of any sign [1].
-            load: wheel load [N], limited to 0 to the model's largest load.
+            load: wheel load [N], clipped between 0 and the model's largest load.
             friction: friction factor ``mu/mu_0`` [1].
 
         Returns:

@@ -235,12 +235,13 @@ def _wheel_energies(state: layout.State, rollers: layout.Rollers | None) -> Pair
 
 @lean
 def standing(state: layout.State, ahead: float) -> tuple[float, float, float, float, float, float]:
-    """Return the result of `stand` for the position that the vehicle reaches after a time.
+    """Return height and gradients of the ground at the vehicle's position after a given time.
+
+    The velocity is assumed to be constant. The result is that of `uneven_ground.stand`.
 
     Args:
-        state: state of the vehicle, whose velocity is assumed to stay constant; the heights of the
-            ground in `state.suspension` are written.
-        ahead: time until the vehicle reaches the position [s].
+        state: state of the vehicle; the heights of the ground in `state.suspension` are written.
+        ahead: time until the vehicle reaches this position [s].
     """
     body, plant = state.body[0], state.plant
     v_x, v_y = level(body.tilt_x, body.tilt_y, body.v_x, body.v_y)
@@ -256,7 +257,7 @@ def _follow_ground(state: layout.State, body: layout.Record) -> tuple[float, Pai
 
     Returns:
         Normal force on the ground divided by the mass [m/s^2], negative if the vehicle would take
-        off; force of gravity in the path plane [N]; moment of gravity about its normal [N m].
+        off; force of gravity in the path plane [N]; moment of gravity about the normal [N m].
     """
     plant = state.plant
     old_x, old_y = body.tilt_x, body.tilt_y

@@ -3,8 +3,8 @@
 The arguments of all functions are: `position`, wheel contacts relative to the center of gravity
 [m], shape (N, 2); `hull`, indices of the wheels of the support polygon, counter-clockwise;
 `weight`, m g [N]; `z_x` and `z_y`, zero-moment point relative to the center of gravity [m]; `a`,
-`b` and `c`, coefficients of the load plane ``a + b x + c y``; `loads`, output, the wheel loads [N],
-shape (N,).
+`b` and `c`, coefficients of the load plane ``a + b x + c y`` for a weight of 1; `loads`, output,
+the wheel loads [N], shape (N,).
 """
 
 import numpy as np
@@ -47,9 +47,9 @@ def stand_on_edge(
 def _spring_energy(
     position: FloatArray, z_x: float, z_y: float, a: float, b: float, c: float
 ) -> float:
-    """Return half the sum of the squared wheel loads, minus the work of a unit weight.
+    """Return the potential energy of wheels on springs of stiffness 1 under a weight of 1.
 
-    This is the potential energy of wheels on springs of stiffness 1, if the weight acts at the
+    It is half the sum of the squared wheel loads, minus the work of the weight, which acts at the
     zero-moment point. It is smallest in balance.
     """
     energy = -(a + b * z_x + c * z_y)

@@ -9,7 +9,8 @@ acceleration of the center of gravity. Loads cannot be negative: wheels with a n
 plane lift off, and the remaining wheels carry the weight. If the zero-moment point leaves the
 support polygon, no such balance exists, and a real vehicle would tip over. The nearest edge of the
 polygon then carries the vehicle, and `tipping` is reported, because the planar model is no longer
-valid. The product of inertia of masses at different heights under yaw acceleration is neglected.
+valid. The moment that masses at different heights exert under yaw acceleration (product of inertia)
+is neglected.
 
 Above the largest permissible load of the tire, the parabola of Eq. (3) has no physical meaning
 (dissertation, section 2.3.1), so the dynamics use the force at this limit; `Overload` reports it.
@@ -199,7 +200,7 @@ class Overload:
 
     @property
     def largest_load(self) -> dict[str, float]:
-        """Largest load at the end of a control period [N], keyed by name of an overloaded wheel."""
+        """Largest load of each overloaded wheel at the ends of the control periods [N], by name."""
         loads = zip(self._names, self._largest.tolist(), strict=True)
         return {name: load for name, load in loads if load > self._limit}
 

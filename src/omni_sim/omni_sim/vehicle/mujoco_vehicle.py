@@ -5,7 +5,7 @@ spring, because a rigid chassis on four wheels is statically indeterminate: a he
 millimeter would determine which three wheels carry load. Rollers are ellipsoids that touch the
 wheel's envelope at their middle and at the change to the next roller. Friction is Coulomb friction
 without a slip curve. At the start of a call of `advance`, the friction coefficient of a wheel
-becomes the sliding force of the vehicle's tire on this ground, divided by the wheel load. The brake
+becomes the sliding force of the tire on the ground under it, divided by the wheel load. The brake
 is dry friction in the wheel's joint, and the drive is a velocity servo in the same joint.
 
 Further assumptions: the body is a homogeneous box as long and wide as the chassis, with its center
@@ -351,7 +351,7 @@ def _rollers(
 def _chassis(vehicle: VehicleConfiguration, wheel_mass: float) -> Iterator[str]:
     """Generate the elements of the chassis and its load.
 
-    The mass of the chassis does not include the wheels, of which each has `wheel_mass` [kg].
+    The mass of the chassis does not include the wheels; `wheel_mass` is the mass of a wheel [kg].
     """
     body, load = vehicle.body, vehicle.load
     # The body of the planar vehicle includes the wheels' mass and moment about the vertical axis.

@@ -82,7 +82,7 @@ def build_losses(
     masses: MassProperties,
     plant: state.Plant,
 ) -> tuple[state.Plant, state.Losses]:
-    """Return a plant to whose mobilities passive losses are added, and the constants of the losses.
+    """Return a plant whose mobilities include the passive losses, and the constants of the losses.
 
     Without losses, and for wheels with individual rollers, the plant is returned unchanged.
 

@@ -131,7 +131,7 @@ def _step_contact(
 
 @lean_inline
 def _slowed(rollers: Rollers, roller: Record, load: float, turn: float) -> float:
-    """Return the spin of a roller after the dry friction of a step, which may stop it [rad/s].
+    """Return a roller's spin after a step of dry friction, which can bring it to rest [rad/s].
 
     Args:
         rollers: constants of the friction.

@@ -284,7 +284,7 @@ class Control(NamedTuple):
     """Inputs of the vehicle, which are constant during a call of the kernel.
 
     Attributes:
-        brake: torque of a brake at the pressure of the pedal [N m].
+        brake: torque of a brake whose valve passes the whole pressure of the pedal [N m].
         enable: commanded share of the pressure that each valve passes [1], shape (N,).
         drive_stiffness: stiffness of the drives' clutches [N m s/rad], 0 when disengaged.
         twist: commanded body twist at the start of the call [m/s, m/s, rad/s], shape (3,).

@@ -13,8 +13,8 @@ ground, and ``f`` is the force of the wheels along the ground.
 
 Wheel i: ``F_i`` is its load, ``e_i`` the compression of its spring, and ``(x_i, y_i)`` its
 position. ``c`` and ``d`` are stiffness and damping of every wheel. ``s_i`` is the height of the
-road under the wheel above the vehicle's plane (`uneven_ground`). The mounting height of the wheel
-and the depth by which it sinks into a gap between two rollers are subtracted from this height.
+road under the wheel above the vehicle's plane (`uneven_ground`), minus the mounting height of the
+wheel, and minus the depth by which it sinks into a gap between two rollers.
 
 The wheel loads therefore depend on the mounting heights and on twisted ground, for which the loads
 of a rigid vehicle are indeterminate. Rollers with gaps excite vibrations.

@@ -9,12 +9,12 @@ which is called the *path plane* and has the unit normal ``n``.
 
 The planar dynamics are computed in a frame of the path plane, which results from the world frame by
 the smallest rotation that aligns the vertical with ``n``. On an even slope this frame is constant,
-and the motion is exactly that on flat ground with the component ``g (n_x, n_y)`` of gravity and the
-load ``m g n_z``. On curved ground the frame moves without rotation about ``n``. The normal force is
-then ``m (g n_z - n_dot . v)``, and the moment of gravity is ``-m g dZ/dyaw``. The sum of kinetic
-energy and potential energy ``m g Z`` is conserved. Yaw is the angle about ``n`` in this frame,
-whereas positions are in the horizontal plane of the world. If the vehicle would take off, the
-normal force is zero and the vehicle counts as tipping.
+and the motion is exactly that on flat ground with an additional acceleration ``g (n_x, n_y)`` due
+to gravity and with the normal force ``m g n_z``. On curved ground the frame moves without rotation
+about ``n``. The normal force is then ``m (g n_z - n_dot . v)``, and the moment of gravity is ``-m g
+dZ/dyaw``. The sum of kinetic energy and potential energy ``m g Z`` is conserved. Yaw is the angle
+about ``n`` in this frame, whereas positions are in the horizontal plane of the world. If the
+vehicle would take off, the normal force is zero and the vehicle counts as tipping.
 
 The model neglects:
 
@@ -24,8 +24,8 @@ The model neglects:
   load transfer,
 - the difference between the road plane of a wheel and the path plane in the direction of the
   wheel's force, which is of second order in the angle between the planes,
-- without a `suspension`, the change of the loads due to twisted ground, as if the chassis were
-  flexible.
+- the change of the loads due to twisted ground, as if the chassis were flexible, unless the vehicle
+  has a `suspension`.
 
 Source of the road plane, Eq. (5): V. Kalman, "On modeling and control of omnidirectional wheels",
 BME Budapest 2013, section 2.3.2, after the contact model of TMeasy (Figure 8). The ground ``z(x,

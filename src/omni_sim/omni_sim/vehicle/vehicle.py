@@ -30,8 +30,8 @@ class Vehicle:
     The option ``wheel_model`` selects the model of the wheels. With individual rollers, the force
     of a wheel is the sum of the forces of its rollers along the nominal active direction, and the
     force limit of the wheel is the sum of the rollers' limits. Slip, deflection and sliding state
-    of the wheel are taken from its lower roller. The slip velocity is computed for an ideal
-    contact.
+    of the wheel are taken from its lower roller. The slip velocity is computed for the nominal
+    contact under the wheel center.
 
     The drive is calibrated: it uses the inverse kinematics with the rolling radii under the static
     loads.
@@ -250,7 +250,7 @@ class Vehicle:
 
     @property
     def motion(self) -> quantities.FloatArray:
-        """`pose` followed by `twist`, shape (6,); `uneven_ground` defines both on such a ground."""
+        """`pose` followed by `twist`, shape (6,); see `uneven_ground` for both on uneven ground."""
         motion = np.empty(6)
         dynamics.base_motion(self.state.body[0], self.state.plant.center, motion)
         return motion

@@ -2,9 +2,9 @@
 
 The demand ``c`` of a brake is the torque that corresponds to the pedal position, times the share of
 the pressure that the brake's valve passes. This share is 0 or 1 for on-off valves, a multiple of
-the valve's resolution, or any value between 0 and 1 for continuous valves. The demand reaches the
-cylinder after a dead time ``t_d``. The torque ``p`` that the brake can exert then rises and falls
-with a first-order lag:
+the resolution for valves with steps, and any value from 0 to 1 for continuous valves. The demand
+reaches the cylinder after a dead time ``t_d``. The torque ``p`` that the brake can exert then rises
+and falls with a first-order lag:
 
     T dp/dt + p = c(t - t_d)
 
@@ -37,7 +37,7 @@ class BrakePressure(NamedTuple):
         oldest: row of `delayed` that takes effect next, shape (1,).
         open: smallest share of the pressure that each valve can pass [1], shape (N,).
         stuck: minimum of the demanded torque of each brake [N m], shape (N,).
-        pressure_step: resolution of a valve [1], 1 for on-off, 0 for continuous.
+        pressure_step: resolution of a valve [1]; 1 for on-off valves, 0 for continuous valves.
         release_lag: number of steps by which releasing is slower than applying.
     """
 
@@ -69,7 +69,7 @@ def build_brake_pressure(
         dead_time: dead time ``t_d`` of applying a brake [s].
         wheels: number of wheels.
         physics_step: length of a step [s].
-        pressure_step: resolution of a valve [1].
+        pressure_step: resolution of a valve [1]; 1 for on-off valves, 0 for continuous valves.
         release_time: dead time ``t_r`` of releasing a brake [s]; 0 to use ``t_d``.
     """
     remainder = mean_remainder = 0.0

@@ -117,8 +117,8 @@ def _braked(
 ) -> WheelStep:
     """Advance a wheel by one step, in which the brake may lock it.
 
-    The arguments are those of `_rolling`, but the brake in `spin` acts, and `impulse` excludes its
-    torque.
+    The arguments are those of `_rolling`, except that the brake of `spin` acts; its torque is not
+    included in `impulse`.
     """
     if spin.brake <= 0.0:
         return _rolling(tire, curve, patch, hub, spin, impulse)

@@ -40,9 +40,9 @@ AXIS = np.dtype([(name, np.float64) for name in ("u_x", "u_y", "cos", "sin", "di
 
 @lean
 def nearest_roller(angle: float, pitch: float) -> float:
-    """Return the number of the lowest roller [1].
+    """Return the number of the lowest roller, which increases by n in each turn of the wheel [1].
 
-    The n rollers are counted on from turn to turn: after a full turn, roller 0 has the number n.
+    Roller 0 therefore has the number 0 in the first turn and n in the second.
 
     Args:
         angle: angle of the wheel, 0 with roller 0 lowest [rad].

@@ -4,9 +4,10 @@ A run is a sequence of neighboring texels in a row; the runs under a line are sh
 a run, which do not fill a vector register, a compiler would use a scalar loop that takes longer
 than the rest of the run. The kernels therefore add whole blocks of columns, as LLVM vectors, which
 the compiler translates to the instructions of the processor. Integer sums are the same on all
-processors. A plain loop over the columns that all four rows cover, with scalar loops at both ends,
-gives the same lines. With this loop, the cameras of `benchmarks/render_lines.py` take about 10 %
-more CPU time per line at headings of 0, 1, 45 and 90 deg, and 21 to 33 % more at 20 and 133 deg.
+processors. Plain loops would give the same lines: one over the columns that all four rows cover,
+and scalar loops at both ends. With them, the cameras of `benchmarks/render_lines.py` take about
+10 % more CPU time per line at headings of 0, 1, 45 and 90 deg, and 21 to 33 % more at 20 and 133
+deg.
 The later steps of a line use plain loops, because vectors would save little time there.
 
 Each function adds four rows, ``sums[column + i] += sum over r of texture[offsets[r] + column + i]``

@@ -118,9 +118,9 @@ def sum_cells(cells: Int32Array, count: int, integral: FloatArray) -> None:
 def read_pixels(integral: FloatArray, edges: Edges, values: FloatArray, line: Float32Array) -> None:
     """Set each pixel to the difference of the integral between its two edges.
 
-    An edge that crosses a row of texels obliquely reads the mean of the integral over a short range
-    of positions. The mean of the two values that are one standard deviation before and after the
-    middle of this range has the same second moment.
+    An edge that crosses a row of texels obliquely covers a short range of positions. At such
+    an edge, the mean of the integral over this range is used. It is approximated by the mean of two
+    values, one standard deviation before and after the middle of the range.
 
     Args:
         integral: result of `sum_cells`, shape (4, columns).

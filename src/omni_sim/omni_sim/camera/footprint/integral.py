@@ -163,10 +163,10 @@ def _integrate_line(
     """Compute the pixels of one line.
 
     Args:
-        ground: texels.
-        texture: rows or columns of the ground.
-        axis: center x, y [texels] and direction cosines of the line. The direction is within 45 deg
-            of the x axis, and its y component is not negative.
+        ground: padded texture of the ground.
+        texture: rows of the ground, or its columns if the line is closer to the y axis.
+        axis: center x, y [texels] and direction cosines of the line in the axes of `texture`. The
+            direction is within 45 deg of the x axis, and its y component is not negative.
         downwards: whether y is mirrored.
         half_size: half the length and width of the footprint [texels].
         scratch: scratch buffers.
@@ -223,8 +223,8 @@ def _add_rows(
     """Add the rows of texels under a line to the totals of the classes, `scratch.totals`.
 
     Args:
-        ground: texels.
-        texture: rows or columns of the ground.
+        ground: padded texture of the ground.
+        texture: rows of the ground, or its columns if the line is closer to the y axis.
         placement: placement of the rows.
         cover: rows that each column covers.
         counts: number of rows and number of columns.
@@ -255,11 +255,11 @@ def _read_line(
     """Compute the pixels of a line from the totals of the four classes of texel rows.
 
     Args:
-        ground: texels.
+        ground: padded texture of the ground.
         scratch: scratch buffers, which contain the totals.
-        size: number of columns, and height of the footprint in a column [texels, fixed point].
+        size: number of columns; height of the footprint in each column [texels, fixed point].
         tangent: tangent of the angle between the line and the rows of texels [1].
-        span: half the length of the footprint, and start of the first cell, both along s [texels].
+        span: half the length of the footprint; start of the first cell; both along s [texels].
         line: output, the gray levels of the pixels.
     """
     count, height = size

@@ -23,15 +23,16 @@ from omni_sim.texture.texture import GroundTexture
 
 @njit(cache=True, nogil=True)
 def average_texels(gray: NDArray[np.uint8], middle: int, averages: NDArray[np.int8]) -> None:
-    """Write the rounded means of a texture minus `middle` to ``averages[:, :len(averages)]``.
+    """Average a texture over coarser texels, and write the rounded means minus `middle`.
 
-    Fractions of one half are rounded alternately up and down, in a checkerboard pattern. Always
-    rounding up would increase the means of 2 x 2 texels by an eighth of a gray level.
+    They are written to ``averages[:, :len(averages)]``. Fractions of one half are rounded
+    alternately up and down, in a checkerboard pattern. Always rounding up would increase the means
+    of 2 x 2 texels by an eighth of a gray level.
 
     Args:
         gray: gray levels of the texture, shape (n, n).
         middle: gray level that is stored as 0.
-        averages: output, one row per new texel in a period, at most n rows.
+        averages: output, one row per coarse texel in a period, at most n rows.
     """
     fine, coarse = len(gray), len(averages)
     # A fine texel is `coarse` units long, a coarse one `fine` units.
@@ -219,12 +220,13 @@ def check_footprints(sensors: Mapping[str, LineSensor], texture: GroundTexture) 
 def _texels(sensor: LineSensor, texture: GroundTexture) -> int:
     """Return the number of texels per period that the texture for a camera must have.
 
-    A coarse texel loses the distribution of gray levels within it. This loss matters only where the
-    edge of a pixel cuts the texel. The error there is a share of the texel's internal contrast. On
-    most grounds, the errors of different texels are independent. The error of a pixel is therefore
-    proportional to the ratio of texel size to pixel pitch, and to the inverse square root of the
-    number of texels across the footprint. On wood, a line across the grain has the error of a
-    single texel. This case determines the smallest number of texels per pixel.
+    A coarse texel has only the mean of the gray levels within it. This causes an error only where
+    the edge of a pixel cuts the texel; the error is proportional to the contrast within the texel.
+    On most grounds, the errors of different texels are independent. The error of a pixel is
+    therefore proportional to the ratio of texel size to pixel pitch, and to the inverse square root
+    of the number of texels across the footprint. On wood, if the line is across the grain, the
+    errors of these texels are equal and are not averaged out. This case determines the smallest
+    number of texels per pixel.
     """
     rules = _COARSENING
     coarsest = max(

@@ -49,7 +49,7 @@ class Placement(NamedTuple):
     Attributes:
         first: index of the first row, in the texture or in its mirror image.
         downwards: whether the mirror image is used.
-        column: index, within the period, of the texel that a row with the shift 0 has in column 0.
+        column: index of the texel in column 0 of a row with the shift 0, counted within the period.
         ahead: shift of the first row relative to the middle row [quarter texels, fixed point].
         ahead_per_row: shift of each row relative to the row before it [quarter texels, fixed
             point].
@@ -173,7 +173,8 @@ def bound_rows(cover: Cover, count: int, rows: Rows) -> None:
 def list_rows(count: int, rows: Rows) -> None:
     """Write, for each class, the rows that are covered completely in any of `count` columns.
 
-    The lists, `rows.listed`, are padded with an empty row to a multiple of the group size.
+    In `rows.listed`, the empty row is repeated at the end of each list, because `add_rows` adds
+    groups of four rows.
     """
     classes, starts, ends, listed = rows.classes, rows.starts, rows.ends, rows.listed
     list_0, list_1, list_2, list_3 = listed[0], listed[1], listed[2], listed[3]

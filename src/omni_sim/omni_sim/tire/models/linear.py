@@ -3,8 +3,8 @@
 The force at a slip ``s`` and a load ``F_z`` is ``F(s) = min(stiffness s, friction mu/mu_0) F_z``,
 with the two parameters of `LinearConfiguration` and the friction factor ``mu/mu_0`` of the ground.
 The force does not fall beyond the peak, so the contact patch slides if and only if the force is at
-its limit. This simplest tire model shows, by comparison, the effects of the falling part and of the
-load dependence of the other models.
+its limit. A comparison with this simplest tire model shows the effects of the falling part and
+of the load dependence of the other models.
 """
 
 from typing import NamedTuple

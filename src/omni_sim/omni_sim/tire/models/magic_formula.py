@@ -7,10 +7,10 @@ dynamics studies", SAE 890087, 1989. The force as a function of slip is
 
 The peak is ``D = mu(F_z) F_z`` with ``mu = a_1 F_z + a_2``. The slope at zero slip is the parabola
 ``B C D = (a_3 F_z + a_4) F_z``. Slip is dimensionless and loads are in [N]. The original formula
-uses per cent and [kN], and reduces the slope by ``exp(-a_5 F_z)``, which the parabola approximates
-at small loads. The shape ``C`` and the curvature ``E`` do not depend on the load, so the values of
-``x`` at the peak and at the steepest fall are constants. Shifts of the origin are omitted, so that
-a freely rolling wheel has no force.
+uses per cent and [kN]. Its slope ``(a_3 F_z + a_4) F_z exp(-a_5 F_z)`` is approximated by the
+parabola at small loads. The shape ``C`` and the curvature ``E`` do not depend on the load, so the
+values of ``x`` at the peak and at the steepest fall are constants. Shifts of the origin are
+omitted, so that a freely rolling wheel has no force.
 
 A friction factor scales ``D``. Since ``B C D`` is preserved, ``B`` scales inversely, and the slips
 scale like ``D``.

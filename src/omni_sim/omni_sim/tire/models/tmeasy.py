@@ -303,7 +303,7 @@ def curve_of(
 
     Args:
         tire: tire with the curves of both directions, as in Table 1.
-        load: wheel load [N], limited to 0 to the model's largest load.
+        load: wheel load [N], clipped between 0 and the model's largest load.
         friction: friction factor ``mu/mu_0`` [1].
         direction: ``x`` or ``y``.
     """
