@@ -1,4 +1,4 @@
-"""Start a run in lockstep, as `omni run` does: every step waits for its replies.
+"""Start a run in lockstep, as `omni run` does: the nodes wait for each other in each step.
 
 ``ros2 launch omni_bringup lockstep.launch.py out:=/tmp/run``
 """

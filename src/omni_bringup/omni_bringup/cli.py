@@ -1,9 +1,9 @@
 """Command line ``./omni COMMAND``.
 
-A command returns a `Report` or raises an error. Only this module prints, writes JSON and determines
-the exit code. With ``--json``, standard output contains exactly one JSON document, even if a
-command is rejected or fails. Exit codes: 0 done, 1 failed, 2 rejected before anything started, 130
-ended by Ctrl-C (143 by SIGTERM).
+A command returns a `Report` or raises an error. This module prints the report or the error as text
+or as JSON, and determines the exit code. With ``--json``, standard output contains exactly one JSON
+document, even if a command is rejected or fails. Exit codes: 0 done, 1 failed, 2 rejected before
+anything started, 130 ended by Ctrl-C (143 by SIGTERM).
 """
 
 import argparse

@@ -1,7 +1,7 @@
 """Functions shared by the launch files; only this module requires `launch`.
 
-`launch` is part of a ROS installation, but not of the ROS wheels. Therefore only launch files
-import this module.
+`launch` is part of a ROS installation, but not of the ROS wheels from PyPI. Therefore only
+launch files import this module.
 """
 
 import atexit

@@ -16,6 +16,9 @@ def progress_bar(name: str) -> Iterator[Progress]:
 
     Args:
         name: name of the work.
+
+    Yields:
+        Function to be called with the completed share (0 to 1) and a text on the progress.
     """
     if not sys.stderr.isatty():
         yield progress_lines(name)

@@ -128,7 +128,7 @@ def _is_local(host: str) -> bool:
 def _choices(
     library: ExperimentLibrary, options: Options, configuration: ExperimentConfiguration
 ) -> dict[str, Any]:
-    """Return the driver node's parameters for the choices on its page, keyed by parameter name."""
+    """Return the driver node's parameters for the choices on the page, keyed by parameter name."""
     from omni_brake_assist.configuration import LAWS
 
     offered = {

@@ -24,7 +24,7 @@ _OF_THE_USER = {"experiment", "vehicle", "overrides"}
 
 
 class _Output(CommandOptions):
-    """Options that every study has in addition to the options of its own."""
+    """Options that every study has in addition to its own options."""
 
     out: Path | None = option(None, metavar="DIR")
     """folder for figures and data (default: results/STUDY)"""

@@ -97,7 +97,7 @@ def _within(value: Any, lowest: float) -> float:
 
 
 class DriveServer:
-    """Serves the driving page; if several pages are open, the last one is the source of demands.
+    """Serves the driving page; opening a second page closes the connection to the first one.
 
     Attributes:
         url: address of the page, including its token.

@@ -151,7 +151,7 @@ def read_hardware(name: str, library: ExperimentLibrary) -> Hardware:
     Args:
         name: one of: name of a file in ``hardware/`` or ``experiments/`` of the configuration;
             folder of a vehicle; path of an experiment; path of the ``configuration.yaml`` of a run;
-            path of a file with ``wheels``, ``sensors`` or ``flow_sensors`` and optionally
+            path of a file with ``wheels``, and optionally ``sensors``, ``flow_sensors``,
             ``odometry`` and ``brake_assist``.
         library: library that contains the experiment and vehicle files.
 

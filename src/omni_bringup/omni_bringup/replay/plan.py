@@ -75,7 +75,8 @@ def check_inputs(bag: Bag, plan: ReplayPlan) -> dict[str, int]:
         Number of recorded messages, keyed by topic.
 
     Raises:
-        BagError: topics are missing, empty or of a wrong type; the message lists all missing ones.
+        BagError: topics have no messages (the error lists all of them), or a topic has a wrong
+            type or encoding.
     """
     summary = bag_summary(bag)
     missing = [topic for topic in plan.inputs if not summary.counts.get(topic)]

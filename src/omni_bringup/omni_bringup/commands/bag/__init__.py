@@ -19,7 +19,7 @@ def bag_option() -> Any:
 
 
 def out_option(ending: str) -> Any:
-    """Declare the option for the folder into which an action writes files."""
+    """Declare the option for the folder into which a command writes its files."""
     words = f"new folder (default: next to the recording, BAG_{ending})"
     return option(None, metavar="DIR", description=words)
 
