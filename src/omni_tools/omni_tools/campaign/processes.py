@@ -38,7 +38,7 @@ def share(
         next_seeds: function that returns the next seeds to run; an empty list after the last seed.
         workers: number of worker processes.
         take: function called with each result of `run`, in any order.
-        most_deaths: number of consecutive deaths, without a result in between, that ends the work.
+        most_deaths: the work ends after this number of worker deaths without a result in between.
 
     Raises:
         WorkerDiedError: several workers in a row died with the same seeds.

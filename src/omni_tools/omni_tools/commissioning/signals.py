@@ -219,7 +219,7 @@ def motions_of(drive: Signals) -> Motions:
     """Return the quantities measured in the three motions of a run, and the rows of its stops.
 
     Raises:
-        ConfigurationError: the run does not contain three motions without the pedal and then a
+        ConfigurationError: the run does not contain three motions without braking, followed by a
             stop.
     """
     free = np.nan_to_num(drive.pedal) <= 0.0

@@ -1,4 +1,4 @@
-"""Pareto front of stopping distance and rotation: shortest known stops, and stops of the laws."""
+"""Pareto front of stopping distance and rotation: shortest known stops, and control laws."""
 
 import math
 from collections.abc import Callable

@@ -143,7 +143,7 @@ def calibrate(
         drives: measurements of the recordings that contain this camera, at least one.
         fewest: minimum number of measured batches.
         seen_below: a coefficient counts as determined if the ratio of its standard error to its
-            prior standard deviation is at most this value [1].
+            prior standard deviation is less than this value [1].
 
     Raises:
         ConfigurationError: too few batches were measured.

@@ -42,7 +42,7 @@ class Series(NamedTuple):
     names: tuple[str, ...] = ()
 
     def during(self, history: RunHistory) -> Series | None:
-        """Return the part of the series within the time of a history; None for an empty part."""
+        """Return the part of the series in the time span of a history; None for an empty part."""
         first, last = history.stamp_ns[[0, -1]]
         part = (self.stamp_ns >= first) & (self.stamp_ns <= last)
         return Series(self.stamp_ns[part], self.values[part], self.names) if any(part) else None
@@ -125,7 +125,7 @@ class ReportedRun:
         forces: forces of the wheels on the vehicle; None if they were not recorded.
         test_ratios: test ratios of fault detection; None if they were not recorded.
         configuration: configuration of the whole loop; None unless it is stored with the recording
-            and contains all recorded wheels.
+            and has the same wheels.
         values: available values of the configuration as texts, keyed by dotted key.
         notes: sentences about missing data.
     """

@@ -135,7 +135,7 @@ class StopCampaign:
 
     @property
     def fitted(self) -> int:
-        """Number of stops that determine the areas; stops with higher numbers are held out."""
+        """Number of stops that determine the areas; they are the first stops of the campaign."""
         return self.per_cell * len(self.cells)
 
     @property

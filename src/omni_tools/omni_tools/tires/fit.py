@@ -39,7 +39,7 @@ class TireFit(NamedTuple):
         at_bound: whether each unknown ended at a bound of the search, shape (P,); its standard
             error is then undefined.
         residual: standard deviation of the force residuals with n - P degrees of freedom [N].
-        mapping: the fitted values as nested mappings of the tire's configuration.
+        mapping: the fitted values, nested as in the tire's configuration.
     """
 
     tire: TireConfiguration

@@ -223,7 +223,8 @@ def _tire(carried: float, radius: float) -> dict[str, Any]:
 def tire_stiffness(largest_load: float, radius: float = _USUAL.radius) -> dict[str, float]:
     """Return stiffness and damping of a tire, keyed by configuration key.
 
-    The ratio of the tire's deflection to its radius is fixed.
+    They are chosen so that at the largest load, the ratio of deflection to radius is the same for
+    all tires.
 
     Args:
         largest_load: limit on the load of the tire [N].
