@@ -308,8 +308,8 @@ def _read_information(folder: Path) -> Mapping[str, Any]:
 def in_time_order(messages: Iterable[mcap.RecordedMessage]) -> Iterator[mcap.RecordedMessage]:
     """Yield messages in the order of log time; messages with equal times keep their order.
 
-    Files need not contain the messages of different topics in this order. Messages are therefore
-    buffered for a second of recorded time, but at most `Limits.waiting` bytes.
+    In a file, messages of different topics may be out of order. To sort them, the messages of one
+    second of recorded time are buffered, up to a total of `Limits.waiting` bytes.
     """
     waiting: list[tuple[int, int, mcap.RecordedMessage]] = []
     size, newest_ns = 0, 0

@@ -2,9 +2,9 @@
 
 `mcap.stream_reader.StreamReader` limits the size of a record, but neither the size of an unpacked
 chunk nor the lengths inside a record, which may point beyond the record's end. The reader of this
-module compares every length with the available bytes before it reads anything, and the library
-parses only complete records. The reader starts at the front without an index, so it can also read
-an unfinished recording.
+module compares every length with the available bytes before it reads anything, and passes only
+complete records to the parsers of the library ``mcap``. The reader starts at the front without an
+index, so it can also read an unfinished recording.
 """
 
 from __future__ import annotations
@@ -357,7 +357,7 @@ def _chunk_records(raw: bytes) -> Iterator[tuple[int, bytes]]:
 
 
 def _parsed(kind: Any, content: bytes) -> Any:
-    """Parse one complete record with the library."""
+    """Parse one complete record with the library ``mcap``."""
     try:
         return kind.read(ReadDataStream(BytesIO(content)))
     except (EndOfFile, struct.error, OverflowError, ValueError) as error:

@@ -50,7 +50,7 @@ class Extent:
 def bag_information(
     file_name: str, topics: Sequence[RecordedTopic], extent: Extent
 ) -> dict[str, Any]:
-    """Return the entry ``rosbag2_bagfile_information`` for a recording of one file."""
+    """Return the entry ``rosbag2_bagfile_information`` of a recording with a single file."""
     return {
         "version": VERSION,
         "storage_identifier": "mcap",

@@ -120,7 +120,7 @@ def record(node: RecorderNode, spinner: process.Spinner) -> None:
     """Record until a signal requests shutdown, then finish the recording and report the counts.
 
     Raises:
-        NodeError: the recording failed; the counts in the file are still reported.
+        NodeError: the recording failed; the message counts of the file are reported nevertheless.
     """
     try:
         _take(node, spinner)
@@ -139,7 +139,7 @@ def record(node: RecorderNode, spinner: process.Spinner) -> None:
 
 
 def _take(node: RecorderNode, spinner: process.Spinner, pause: float = 0.02) -> None:
-    """Store messages in groups, one per `pause` [s]; waking up for each message is slower."""
+    """Store the received messages every `pause` [s]; waking up for each one would be slower."""
     # The clock is read here, because a timer of the node would have to wait behind the messages of
     # a busy graph.
     due = time.monotonic() + node.flush_period

@@ -47,7 +47,7 @@ class SafeLoader(yaml.composer.Composer, yaml.CSafeLoader):
         return node
 
     def construct_document(self, node: yaml.Node) -> Any:
-        """Construct all values at once; an error then names the position of the invalid value."""
+        """Construct nested values immediately, so that errors name the position of a value."""
         return self.construct_object(node, deep=True)
 
     def construct_object(self, node: yaml.Node, deep: bool = False) -> Any:

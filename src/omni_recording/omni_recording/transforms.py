@@ -60,7 +60,7 @@ class RecordedTransforms:
             self._fixed = self._fixed_frames(frames, poses)
 
     def begin(self, recording: plan.StampedRecording) -> None:
-        """Write the transforms at the beginning of a recording.
+        """Write the transforms of the fixed frames, if any, at the beginning of a recording.
 
         Raises:
             RecordingError: the file cannot be written.

@@ -19,8 +19,8 @@ the parts of an entry before and after its comma; inside braces the same rule fo
     | $1 at $2 | {loads.$1_mean:.0f} N |
 
 ``docs/numbers.json`` stores the numbers that the templates use. This program reads them from the
-given ``summary.json`` files and fills the pages. If a study was run with other options, put a NAME
-of its own before the file::
+given ``summary.json`` files and fills the pages. The results of a study that was run with other
+options need a different study name, which is put before the file as NAME::
 
     ./omni exec python -m omni_studies.page_numbers results/*/summary.json NAME=other/summary.json
 
@@ -111,9 +111,10 @@ def filled(template: str, study: str, numbers: Numbers) -> str:
 
 
 def templates(workspace: Path) -> Iterator[tuple[Path, str, str]]:
-    """Yield the path of the page, the study and the template of each block.
+    """Yield page, study and template of every block of numbers in the pages.
 
-    The last item is the table of the dissertation, whose references all name their study.
+    The last item is the file ``docs/dissertation.yaml`` with an empty study, because all references
+    in this file name their study.
     """
     for page in (path for pattern in _PAGES for path in sorted(workspace.glob(pattern))):
         for block in _BLOCK.finditer(page.read_text(encoding="utf-8")):
@@ -123,7 +124,7 @@ def templates(workspace: Path) -> Iterator[tuple[Path, str, str]]:
 
 
 def page_with(text: str, numbers: Numbers) -> str:
-    """Return the text of a page in which all blocks are filled with numbers."""
+    """Return the text of a page in which all templates are filled with numbers."""
     return _BLOCK.sub(lambda b: b[1] + filled(b[3], b[2], numbers) + b[4], text)
 
 
@@ -179,7 +180,11 @@ def _cells(table: Path) -> Iterator[tuple[str, float]]:
 
 
 def outdated(place: Place, old: float | None, new: float | None, tolerance: float = 0.02) -> bool:
-    """Return whether stored and measured number differ by more than a relative tolerance."""
+    """Return whether a stored number differs too much from a measured one.
+
+    The difference must exceed both a relative tolerance and one unit of the last printed digit. The
+    result is also true if only one of the numbers exists.
+    """
     if old is None or new is None:
         return old is not new
     digits = re.search(r"\.(\d+)f", place.form)

@@ -5,7 +5,7 @@ A study is a module of `omni_studies.studies`. It contains a docstring that desc
 ``run(options, study) -> StudyResult``. A module with several studies lists them in ``CASES``, a
 literal dictionary of their names and descriptions. In such a module, ``study.case`` is the name of
 the study that runs, and ``OPTIONS`` and ``RUNS`` may contain other options and functions for some
-of them.
+of the studies.
 
 A study writes its figures and data into ``study.folder`` and does not print; `run_study` writes the
 metrics. A long study calls ``study.report(share, words)``.

@@ -23,7 +23,7 @@ class BagCheck:
 
 
 def check_bag(path: Path | str) -> BagCheck:
-    """Read a recording from end to end, and return the defects that were found.
+    """Read a recording from end to end; return its message counts, defects and remarks.
 
     Args:
         path: a rosbag2 folder or a single ``.mcap`` file.

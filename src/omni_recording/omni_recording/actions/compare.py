@@ -13,8 +13,7 @@ from omni_recording.error import BagError
 class TopicComparison:
     """Differences between the messages of a topic in two recordings.
 
-    Messages with equal stamps form a pair, which is compared. Every value has the SI unit of its
-    field.
+    Messages with equal stamps form a pair, which is compared.
 
     Attributes:
         topic: name of the topic.
@@ -40,9 +39,9 @@ class TopicComparison:
     worst: str = ""
 
     def agrees(self, tolerance: float) -> bool:
-        """Return whether both recordings contain the same messages, at least one, in this topic.
+        """Return whether both recordings have the same messages in this topic, and at least one.
 
-        Numbers may differ by the tolerance; stamps and texts must be equal.
+        Numbers may differ by up to `tolerance`; stamps and texts must be equal.
 
         Args:
             tolerance: limit on the absolute difference, in the unit of the values.

@@ -33,9 +33,11 @@ class BoundTrial(NamedTuple):
         vehicle: name of the vehicle's file.
         any_heading: lower bound of the path length of the center of gravity, or an upper estimate
             of this bound [m].
-        any_heading_slack: tolerance of this bound [m]; NaN if the upper estimate sufficed.
+        any_heading_slack: tolerance of the bound `any_heading` [m]; NaN if the upper estimate
+            sufficed.
         straight: lower bound of the distance of a stop that keeps heading and line, or an upper
-            estimate of this bound [m]; NaN if there is no bound, or if no run keeps both.
+            estimate of this bound [m]; NaN if braking starts while the vehicle rotates, if no run
+            keeps heading and line, or if no bound can be computed.
         straight_slack: tolerance of the bound `straight` [m]; NaN if the upper estimate sufficed.
         path_unassisted: path of the center of gravity with all brakes on [m].
         path_sliding_mode: path of the center of gravity with `sliding_mode` [m].
@@ -154,7 +156,8 @@ def _path(run: FastRun, experiment: ExperimentConfiguration) -> float:
 def _kept(run: FastRun, experiment: ExperimentConfiguration, maneuver: limit.Maneuver) -> float:
     """Return the stopping distance [m] if a run always keeps heading and line, otherwise NaN.
 
-    All stamps are checked, because a vehicle may leave its line to avoid low friction and return.
+    The whole run is checked, because a vehicle may leave its line on a slippery patch and return to
+    it.
     """
     pose = _braking(run, experiment)
     path = pose[:, :2] - pose[0, :2]
@@ -170,7 +173,10 @@ def _kept(run: FastRun, experiment: ExperimentConfiguration, maneuver: limit.Man
 
 
 def over_bound(stops: Sequence[BoundTrial], bound: str) -> FloatArray:
-    """Return the distance of each run divided by a bound; NaN without a bound, shape (R, laws)."""
+    """Return the distance of each stop under each law, divided by a bound, shape (stops, laws).
+
+    The ratio is NaN if the stop has no bound, or if the bound does not apply to the run.
+    """
     part = "path" if bound == "any_heading" else "kept"
     taken = np.array([[getattr(one, f"{part}_{law}") for law in LAWS] for one in stops])
     return np.asarray(taken / np.array([[getattr(one, bound)] for one in stops]))
@@ -180,7 +186,7 @@ def below(stops: Sequence[BoundTrial], bound: str) -> int:
     """Return how many runs are shorter than a bound by more than the tolerance of this bound.
 
     Args:
-        stops: the runs.
+        stops: the stops, each with one run for each law.
         bound: ``any_heading`` or ``straight``.
     """
     slack = np.array([[getattr(one, f"{bound}_slack") / getattr(one, bound)] for one in stops])

@@ -134,7 +134,7 @@ def ablation_costs(trials: Sequence[LawTrial], laws: Sequence[str]) -> dict[str,
     """Return how much each law changes distance and rotation compared with the first law.
 
     The trials are divided into two equal sets. The changes of each set are metrics, keyed by name;
-    the last word of a name is the set.
+    a name ends with the name of the set.
 
     Args:
         trials: all trials of an even number of seeds, in the order of `LawTrials`.
@@ -170,7 +170,9 @@ def removable(metrics: Mapping[str, Metric]) -> list[str]:
 
 
 def compare(trials: Sequence[LawTrial], laws: Sequence[str]) -> dict[str, Metric]:
-    """Return metrics, keyed by name, that compare laws with all brakes on and with the first law.
+    """Return metrics that compare every law with unassisted braking and with the first law.
+
+    The metrics are keyed by name.
 
     Args:
         trials: all trials of each seed, in the order of `LawTrials`.

@@ -246,9 +246,10 @@ class Outcome(NamedTuple):
         energy_rise_assisted: result of `energy_rise` with the assistant [1].
         stopped_unassisted: whether the vehicle came to rest without the assistant, 0 or 1.
         stopped_assisted: whether the vehicle came to rest with the assistant, 0 or 1.
-        tipping: whether the vehicle would have tipped over in any of the runs, 0 or 1; the planar
-            model only reports it.
-        rejected_share: share of the braking time with all brakes on because of rejected inputs [1].
+        tipping: whether the vehicle would have tipped over in either stop, 0 or 1; the planar model
+            reports tipping but does not simulate it.
+        rejected_share: share of the braking time in which all brakes are on because inputs are
+            rejected [1].
         energy: cause of a violated energy limit, one of `CAUSES`; empty without a violation.
         orientation: cause of a violated orientation limit; empty without a violation.
         distance: cause of a violated distance limit; empty without a violation.
@@ -292,7 +293,7 @@ def outcome(braking: RandomBraking, seed: int) -> Outcome:
 
 
 def compare(braking: RandomBraking, drawn: Tree) -> Outcome:
-    """Run a drawn stop without and with the assistant; return the results without causes."""
+    """Run a drawn stop without and with the assistant; return results with empty causes."""
     configurations = braking.configurations(drawn)
     unassisted, assisted = (
         compiled.run_fast_loop(configurations[variant]) for variant in ("unassisted", "assisted")

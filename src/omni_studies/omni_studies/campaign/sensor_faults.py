@@ -123,8 +123,9 @@ class Stop(NamedTuple):
         rotation: rotation minus the rotation of the reference stop [deg].
         all_on_rotation: for a brake fault, rotation of a stop with all brakes on from the onset (as
             after immediate detection) minus the rotation of the reference stop [deg]; otherwise 0.
-        assisting: whether the assistant still released a brake at more than 1 m/s, later than 0.5 s
-            after the onset; also 1 if the vehicle was always slower after this time.
+        assisting: whether the assistant still released a brake more than 0.5 s after the onset
+            while the vehicle was faster than 1 m/s; also 1 if the vehicle was never that fast after
+            this time.
     """
 
     seed: int
@@ -387,7 +388,7 @@ def limits(extent: str, *, imu: bool) -> Limits:
 
 
 def loss_of_twist(stops: FaultyStops, onset: float = 0.3) -> float:
-    """Return the change of orientation in ``straight_line`` after a permanent loss of twist [deg].
+    """Return the change of orientation [deg] in ``straight_line`` if the twist is lost permanently.
 
     Args:
         stops: campaign that runs the stop with each of its laws; the larger rotation is returned.

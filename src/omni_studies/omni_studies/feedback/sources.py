@@ -1,10 +1,11 @@
 """Error models of the sources of a body twist.
 
 A model samples and delays the true twist, and adds white noise and a constant scale error. Above
-its maximum speed, and for lost samples, a model gives no measurement. A comment at each model names
-the source of its numbers. Flow chips count how far the ground has moved between two images, and
-each chip takes its images at its own times. Wheel odometry has no error model, because it uses the
-simulated encoders. Without a twist, the assistant estimates the motion from encoders and IMU.
+its maximum speed, and for lost samples, a model gives no measurement. A comment at each model
+states the origin of its numbers. Flow chips count how far the ground has moved between two images,
+and each chip takes its images at its own times. Wheel odometry has no error model, because it uses
+the simulated encoders. If no twist is available, the assistant estimates the motion from encoders
+and IMU.
 """
 
 import dataclasses
@@ -184,8 +185,9 @@ class SourceEstimator:
 class FlowChips:
     """Flow chips around the center of a vehicle, and the twist that their counts give.
 
-    Each chip adds the motion along its axes, and at the times of its images writes the whole counts
-    to its register. The driver divides the counts between two images by their time.
+    Each chip integrates the motion along its axes. At each of its images, it writes the count,
+    rounded down to an integer, to its register. The sensor driver divides the difference between
+    the counts of two images by the time between the images.
 
     Args:
         source: properties of the chips.
@@ -207,7 +209,7 @@ class FlowChips:
         self._before: tuple[int, quantities.FloatArray] | None = None
 
     def measure(self, stamp_ns: int, twist: quantities.FloatArray) -> signals.TwistSample:
-        """Return the twist that the last images of all chips give.
+        """Return the twist computed from the latest images of all chips.
 
         Args:
             stamp_ns: time since the start of the run [ns], increasing.

@@ -77,7 +77,7 @@ def trade_off(measured: Mapping[str, float]) -> Figure:
 
 
 def sensitivity_map(sensitivity: Sensitivity) -> Figure:
-    """Draw the change of each number of Table 2 per step of each parameter, in tolerances."""
+    """Draw how much a step of each parameter changes each number of Table 2, in tolerances."""
     values = sensitivity.in_tolerances.T
     figure, ((axes,),) = style.panels("", size=(10.0, 7.6))
     axes.grid(False)

@@ -145,7 +145,7 @@ def configure(base: ExperimentConfiguration, parameters: Parameters) -> Experime
 
 
 def parameters_of(configuration: ExperimentConfiguration) -> dict[str, float]:
-    """Return the parameters from which `configure` makes this experiment, keyed by name."""
+    """Return the parameters with which `configure` creates an experiment, keyed by name."""
     vehicle, maneuver = configuration.vehicle, configuration.maneuver
     ground = configuration.ground
     mount = next(iter(vehicle.wheels.values()))

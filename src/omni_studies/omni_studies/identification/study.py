@@ -125,7 +125,7 @@ def write_files(
         folder: folder of the copies.
 
     Returns:
-        Vehicle file and experiment file.
+        Paths of the vehicle file and the experiment file.
     """
     values = to_mapping(configuration)
     return (
@@ -135,7 +135,7 @@ def write_files(
 
 
 def _copied(source: Path, values: Mapping[str, Any], folder: Path) -> Path:
-    """Copy a file with new numbers from a configuration; return the path of the copy."""
+    """Copy a YAML file, replacing its numbers by those in `values`; return the path of the copy."""
     yaml = YAML()
     yaml.width = 110
     document = yaml.load(source)

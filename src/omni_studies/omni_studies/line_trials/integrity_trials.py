@@ -1,4 +1,4 @@
-"""Errors of each batch of line cameras that are faulty and move over a ground.
+"""Errors of the batches of faulty line cameras that move over a ground.
 
 The motion of fault-free cameras over a ground, called a drive here, is rendered once. For each
 fault, the rendered lines are converted to lines of faulty cameras. The odometry estimator is reset
@@ -43,10 +43,12 @@ class Motion:
     growth: float = 0.0
 
     def traveled(self, time: FloatArray) -> FloatArray:
-        """Return the time in which the initial twist, if constant, would cover the path [s], (t,).
+        """Return how long the initial twist, kept constant, would take for the same path [s].
+
+        The result has the shape (t,).
 
         Args:
-            time: times until which this motion covers its path [s], shape (t,).
+            time: time that this motion takes for the path [s], shape (t,).
         """
         return time + 0.5 * self.growth * time**2
 
@@ -216,8 +218,8 @@ class _Exposed(NamedTuple):
 
     Attributes:
         time: times of the lines from the start of the drive [s], shape (t,).
-        path: time in which the constant initial twist would cover the path up to each line [s],
-            shape (t,).
+        path: time that the initial twist, if it stayed constant, would take to reach the pose of
+            each line [s], shape (t,).
         exposures: exposures [gray levels of 8 bit], shape (t, pixels), keyed by camera.
     """
 

@@ -39,7 +39,10 @@ def sideways_motions(axis: float = 0.0) -> list[trials.Motion]:
 
 
 def needed_overlap(overlap: FloatArray, right: FloatArray, share: float = 0.95) -> float:
-    """Return the overlap at and above which all fields of view have enough correct line pairs.
+    """Return the smallest sufficient overlap.
+
+    An overlap is sufficient if all fields of view with this or a larger overlap have the required
+    share of correct line pairs.
 
     Args:
         overlap: overlap of consecutive lines for each field of view, 0 to 1, any shape.
@@ -48,7 +51,7 @@ def needed_overlap(overlap: FloatArray, right: FloatArray, share: float = 0.95) 
         share: required share of correct line pairs, 0 to 1.
 
     Returns:
-        Smallest such overlap among the given ones; NaN if even the largest one is not sufficient.
+        One of the given overlaps; NaN if even the largest one is not sufficient.
     """
     failing = overlap[right < share]
     passing = overlap[overlap > (failing.max() if len(failing) else -1.0)]
@@ -60,7 +63,7 @@ def matches_table(
     motions: Sequence[trials.Motion],
     cases: Mapping[Any, Sequence[trials.Matches]],
 ) -> tuple[tuple[str, ...], Iterator[tuple[str | float, ...]]]:
-    """Return the header of a table, and an iterator over one row for every case and motion.
+    """Return the header of a table, and an iterator over its rows, one for each case and motion.
 
     Args:
         names: names of the columns that contain the parts of a case.

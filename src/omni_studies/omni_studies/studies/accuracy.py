@@ -2,7 +2,8 @@
 
 In ``accuracy``, line pairs are rendered at random displacements along the axis and matched. Their
 errors are compared with the Cramer-Rao bound of each pair, the smallest variance of an unbiased
-estimator. The bias toward integer shifts ("pixel locking") is fitted as a function of the fraction.
+estimator. The bias toward integer shifts ("pixel locking") is fitted as a function of the
+fractional part of the displacement.
 
 In ``covariance``, three line cameras are mounted tangentially on a circle. If the covariance of the
 twist is correct, the squared error of the twist, divided by its expectation, has the mean 1. Speeds

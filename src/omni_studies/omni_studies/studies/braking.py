@@ -111,8 +111,8 @@ def run_experiment(
     """Run every variant of an experiment in one process.
 
     If the feedback is the velocity sensor, the fast loop is used. If it is the line-scan odometry,
-    the loop with rendered cameras is used. A variant with fault detection in the fast loop is also
-    run without it, as ``VARIANT_twist_alone``.
+    the loop with rendered cameras is used. In the fast loop, a variant with fault detection is also
+    run without fault detection, as ``VARIANT_twist_alone``.
 
     Args:
         library: library that contains the experiment file.
@@ -162,7 +162,7 @@ class _StraightLine(LoopOptions):
 
 
 class _Optical(Configuration):
-    """Options of ``optical``: experiments to compare."""
+    """Options of ``optical``: experiments to run and compare."""
 
     experiment: tuple[str, ...] = parameter(
         tuple(case for case in CASES if case not in ("table2", "optical"))
@@ -175,7 +175,7 @@ OPTIONS = {"straight_line": _StraightLine, "table2": table_2.Options, "optical":
 
 
 def run(options: LoopOptions, study: StudyRun) -> StudyResult:
-    """Run the experiment that the study names, and draw the figures."""
+    """Run the experiment that has the name of the study, and draw the figures."""
     changes = options.changes
     if isinstance(options, _StraightLine):
         changes = [*table_2_vehicle(study.experiments, options.vehicle), *changes]

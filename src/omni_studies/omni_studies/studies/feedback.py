@@ -5,8 +5,8 @@ with or without an IMU. The sources are an ideal sensor, line cameras, optical-f
 odometry, dead reckoning, and ideal sensors with delay or a low rate. The table shows the sources
 with which assistance does more harm than good.
 
-Camera lines are rendered in the stops of the named experiments and in the first random stops. In
-all other stops, an error model replaces the cameras.
+Camera lines are rendered in the first random stops, and in the stops of the named experiments, such
+as ``straight_line``. In all other stops, an error model replaces the cameras.
 """
 
 from __future__ import annotations
@@ -70,7 +70,8 @@ class Stop(NamedTuple):
     Attributes:
         seed: number of the case, as in `Cases.run`.
         vehicle: name of the vehicle's file, or ``named`` for a named experiment.
-        stop: number of the stop of this vehicle, equal for all laws and sources.
+        stop: number of the stop. Stops with the same vehicle and number differ only in law and
+            source.
         law: name of the control law, or ``unassisted``.
         source: source of the twist.
         distance: stopping distance [m].
@@ -326,7 +327,7 @@ def warnings(summary: Path, law: str, source: str) -> dict[str, str]:
     The warning is empty unless assistance does more harm than good.
 
     Args:
-        summary: ``summary.json`` of this study, with or without the IMU of the vehicle.
+        summary: ``summary.json`` of a run of this study, with or without ``without_imu``.
         law: name of the control law.
         source: source of the twist.
 

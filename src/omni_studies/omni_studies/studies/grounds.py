@@ -359,8 +359,8 @@ def _appearance(
         texture: the ground.
         seed: seed of the positions of the lines.
         lines: number of lines.
-        shown: edge of the picture on the ground [m].
-        dots: edge of the picture in the figure [px].
+        shown: edge length of the picture on the ground [m].
+        dots: edge length of the picture in the figure [px].
     """
     sensor = LineSensor(x=0.0, y=0.0, heading_deg=0.0)
     cameras = LineCameraArray(

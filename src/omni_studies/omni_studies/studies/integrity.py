@@ -3,8 +3,8 @@
 An undetected error is a batch of one camera that is reported as measured although the error of its
 velocity exceeds both 4 of its stated standard deviations and 0.05 m/s. `availability` is the share
 of batches that are measured, and `normalized_error` is the mean ratio of squared error to stated
-variance. A drive is a simulated motion of all cameras over one ground. The odometry is reset at the
-start of every drive and has no estimates of camera properties then.
+variance. A drive is a simulated motion of all cameras over one ground. At the start of every drive,
+the odometry is reset; this includes its estimates of camera properties.
 
 Each run of the campaign is one drive with one fault. Runs that differ only in the fault share the
 rendered drive.
@@ -113,7 +113,7 @@ class Drive(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class _Drives:
-    """Callable that simulates the drive with a given number; consecutive drives share a ground."""
+    """Callable that simulates the drive with a given number, as listed in `cells`."""
 
     grounds: tuple[str, ...]
     faults: tuple[str, ...]
@@ -134,7 +134,11 @@ class _Drives:
 
     @property
     def cells(self) -> list[tuple[str, int, str]]:
-        """Ground, motion and fault of every drive; consecutive drives share a rendered motion."""
+        """Ground, motion and fault of each drive.
+
+        Drives that differ only in the fault follow one another, because they share a rendered
+        motion.
+        """
         return [
             (name, motion, fault)
             for name in self.grounds
@@ -157,7 +161,7 @@ class _Drives:
 
 
 def run(options: Options, study: StudyRun) -> StudyResult:
-    """Simulate all drives over every ground with every fault; write figure, data and metrics."""
+    """Simulate all test drives over the grounds with the faults; write figure, data and metrics."""
     grounds = _chosen("--grounds", options.grounds, tuple(GROUNDS))
     faults = _chosen("--faults", options.faults, tuple(trials.FAULTS))
     work = _Drives(

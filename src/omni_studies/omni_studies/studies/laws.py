@@ -344,7 +344,7 @@ def _front(results: Results, own: Sequence[str]) -> Figure:
 
 
 def _findings(results: Results) -> Iterator[str]:
-    """Yield a sentence for each bound, and for each maneuver with a shorter unassisted stop."""
+    """Yield a sentence for each bound, and for each unassisted stop shorter than its bound."""
     bounds = {case.maneuver: stop.distance for case, stop in results if case.law == "bound"}
     for case, stop in results:
         least = bounds.get(case.maneuver, math.nan)

@@ -170,9 +170,9 @@ def _driven(
     radius: float = 0.6,
     batches: int = 8,
 ) -> dict[str, Metric]:
-    """Return the metrics availability and velocity error of the odometry with three cameras.
+    """Return availability and velocity error of the odometry with three cameras, as metrics.
 
-    The platform moves at ``sensor.sideways_speed``, in one test ahead and in another sideways.
+    The platform moves at ``sensor.sideways_speed``, forward in one test and sideways in another.
 
     Args:
         case: name of sensor and ground.

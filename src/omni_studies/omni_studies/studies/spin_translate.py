@@ -233,7 +233,7 @@ def _rms(values: FloatArray) -> float:
 
 
 def _draw_snapshots(scene: Scene, tracking: Tracking, title: str) -> Figure:
-    """Draw the platform at several times on its path, as Figures 19 and 21."""
+    """Draw the platform at several times on its path, as in Figures 19 and 21."""
     figure = top_view(scene, {"": tracking.history}, title=title)
     (axes,) = figure.axes
     axes.set_title("")
@@ -244,7 +244,7 @@ def _draw_snapshots(scene: Scene, tracking: Tracking, title: str) -> Figure:
 
 
 def _draw_commands(tracking: Tracking, title: str) -> Figure:
-    """Draw wheel-speed commands over time, as Figures 20 and 22, and the tracking errors."""
+    """Draw wheel-speed commands (as in Figures 20 and 22) and the tracking errors over time."""
     y = ("wheel speed [rad/s]", "position\nerror [mm]", "heading\nerror [deg]")
     size, heights = (style.PAGE_WIDTH, 8.5), (3.0, 1.0, 1.0)
     figure, ((commands,), (position,), (heading,)) = style.panels(

@@ -116,7 +116,10 @@ def run(options: Options, study: StudyRun) -> StudyResult:
 
 
 def _settings(ks: Sequence[int], dwells: Sequence[float]) -> tuple[Setting, ...]:
-    """Return all settings, sorted by dwell time and then from short stops to small rotations."""
+    """Return all settings, sorted by dwell time.
+
+    For each dwell time, the order is from the shortest stops to the smallest rotations.
+    """
     laws = (("cosine", 7), *(("enhanced", k) for k in sorted(set(ks))), ("zero", 7))
     return tuple(Setting(*law, dwell) for dwell in sorted(set(dwells)) for law in laws)
 

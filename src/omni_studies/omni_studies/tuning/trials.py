@@ -1,10 +1,11 @@
 """Trials of settings of the brake assistant for a vehicle: trade-off of rotation and distance.
 
 A *setting* consists of the weighting with its k, Eqs. (58), (59), and the minimum dwell time of the
-valves. It is run with dead time and time constant of the vehicle's own brakes, and with those of
-other brakes. Because of switching, a single run is sensitive to small deviations, especially with
-long dwell times. Each setting is therefore evaluated by its worst result in several *situations*:
-the maneuver and slight deviations from it. All settings are run in the same situations.
+valves. Each setting is run with the dead time and the time constant of the vehicle's own brakes,
+and with those of other brakes. Because of switching, a single run is sensitive to small deviations,
+especially with long dwell times. A setting is therefore evaluated by its worst result in several
+*situations*: the maneuver and slight deviations from it. All settings are run in the same
+situations.
 """
 
 import dataclasses
