@@ -92,7 +92,7 @@ def _on_exit(plan: LaunchPlan, ended: list[str], name: str, event: Any, _context
     Args:
         plan: processes of the launch.
         ended: names of the nodes that have ended; this function appends `name`.
-        name: name of the node that has ended now.
+        name: name of the node whose end is handled.
         event: event of `launch` with the exit code.
 
     Raises:

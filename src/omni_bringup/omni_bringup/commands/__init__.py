@@ -53,7 +53,7 @@ def commands_of(package: str) -> dict[str, str]:
 
 
 def load_command(group: Any, name: str) -> Any:
-    """Return the command with a name.
+    """Return a command of a group by its name.
 
     If the group has a function `command`, this function returns the command. Otherwise the command
     is a module of the group's package.

@@ -46,7 +46,7 @@ class Options(CommandOptions):
 
 
 def run(options: Options, workspace: Workspace) -> Report:
-    """Send inputs to the tested node, receive its outputs, and report violations."""
+    """Send inputs to the tested node, and report violations of its contract."""
     from omni_bringup.replay.plan import recorded_configuration
     from omni_recording.folder import open_vehicle
 

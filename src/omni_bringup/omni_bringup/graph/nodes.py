@@ -222,7 +222,7 @@ class Nodes:
         ]
 
     def _timing(self) -> dict[str, Any]:
-        """Return those parameters of a node that depend on the mode, `lockstep` or real time."""
+        """Return those parameters of a node that depend on the mode: lockstep or real time."""
         return {"diagnostics_period": 0.0} if self.lockstep else {"use_sim_time": True}
 
     def _node(

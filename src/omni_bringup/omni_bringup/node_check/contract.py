@@ -35,7 +35,7 @@ class Contract:
         largest_variance: limit on all three variances of a measured twist [m^2/s^2, rad^2/s^2].
         speed_excess: relative tolerance r [1] and absolute tolerance a [m/s]. If rolling wheels
             show a speed v of the vehicle, the median velocity error of the twists must not exceed
-            r v + a. No speed may exceed the highest v of the recording by more than r v + a.
+            r v + a. No twist may exceed the highest v of the recording by more than r v + a.
         yaw_rate_ratio: lower and upper limit on the ratio of the twist's yaw rate to the IMU's [1].
         turning: root mean square of the IMU's yaw rate above which this ratio is checked [rad/s].
     """
@@ -61,7 +61,7 @@ CONTRACT = Contract(
 
 
 def metrics(exchange: Exchange) -> dict[str, tuple[float, str]]:
-    """Return metrics of a tested node's answers as pairs (value, unit), keyed ``quantity.phase``.
+    """Return metrics of a node's answers as pairs (value, unit), keyed by ``quantity.phase``.
 
     The metrics are the share of answered inputs, the 99th percentile of the answers' age, and the
     number of answers.
