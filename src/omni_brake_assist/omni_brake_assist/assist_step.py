@@ -5,11 +5,11 @@
 the same fail-safe reactions and give bit-identical results. A user's own law is called between the
 two halves of a step, `receive` and `act`.
 
-Some valves cannot switch in every control step of 10 ms. A valve that has switched keeps its state
-for the dwell time. There are two exceptions, and both apply more brakes. If all brakes must act,
-all valves open immediately. If no brake would act during the dwell time, the valves that are
-commanded to brake open immediately. With a dwell time of 0, every valve follows its command in
-every step.
+Some valves cannot switch in every control step of 10 ms. An open valve applies its brake. A valve
+that has switched keeps its state for the dwell time. There are two exceptions, and both apply more
+brakes. If all brakes must act, all valves open immediately. If no brake would act during the dwell
+time, the valves that are commanded to brake open immediately. With a dwell time of 0, every valve
+follows its command in every step.
 """
 
 import math
@@ -47,7 +47,7 @@ def assist_step(
         constants: from `assist_state.make_constants`.
         memory: from `assist_state.new_memory`, changed in place.
         inputs: inputs of this step.
-        error: output, error of each wheel that the control law computes [m/s], shape (N,); zeros
+        error: output, error of each wheel, as defined by the control law [m/s], shape (N,); zero
             while the pedal is up or no valid estimate of the motion exists.
         enable: output, share of the brake pressure that passes, 0 to 1, shape (N,).
 
@@ -158,7 +158,7 @@ def _read_sensors(constants: Constants, memory: Memory, inputs: Inputs) -> bool:
 
 @lean
 def _is_recent(now_ns: int, timeout_ns: int, validity: int, stamp_ns: int) -> bool:
-    """Return whether a reading is valid and `now_ns` is at most a timeout from its stamp [ns]."""
+    """Return whether a reading is valid and its stamp is within `timeout_ns` of `now_ns`."""
     return bool(validity == VALID and abs(since(now_ns, stamp_ns)) <= timeout_ns)
 
 
@@ -171,7 +171,7 @@ def _estimate_motion(
     pedal: float,
     dt: float,
 ) -> int:
-    """Update the effect monitor and the filter bank; write the twist to `memory.answer`.
+    """Update the effect monitor and the filter bank; write the estimate to `memory.answer`.
 
     Args:
         constants: constants of the assistant.
@@ -318,7 +318,7 @@ def _first_fault(step: Any, cause: int, outside: int, replans: bool) -> int:
     Args:
         step: flags of this step, the record `Memory.step`.
         cause: condition that closed the input gate; GOOD while this gate is open.
-        outside: condition that was detected before the kernel is called, as `Inputs.outside`.
+        outside: condition that was detected before the kernel is called; see `Inputs.outside`.
         replans: whether `allocation` controls the rest of a stop after a brake has failed. If so, a
             failed brake gives the condition REPLANNED, otherwise FAILED_BRAKE.
     """
@@ -351,7 +351,7 @@ def _hold(memory: Memory, answer: int, error: FloatArray, enable: FloatArray) ->
 
 @lean
 def _is_any_on(enable: FloatArray, failed: int) -> bool:
-    """Return whether at least one brake is on, other than the brake of wheel `failed`."""
+    """Return whether any brake other than that of wheel `failed` is on."""
     on = False
     for i in range(enable.size):
         on |= enable[i] > 0.0 and i != failed
@@ -370,8 +370,8 @@ def _are_shares(error: FloatArray, enable: FloatArray) -> bool:
 def _is_slow(constants: Constants, step: Any, motion: Motion) -> bool:
     """Return whether the fastest wheel center, Eq. (38), is slower than the speed threshold.
 
-    The hysteresis is added to the threshold if this was the case in the last step. During dead
-    reckoning, a share of the speed at the start of the stop is added.
+    If it was already slower in the last step, the hysteresis is added to the threshold. During dead
+    reckoning, a share of the speed at the start of the stop is also added to the threshold.
     """
     limit = constants.speed_threshold
     if step.slow:

@@ -7,17 +7,18 @@ the wheel is negative. A valve that has just switched keeps its state for the mi
 (`assist_step`). All brakes are enabled, without regard to the dwell time,
 
 - while the pedal is up,
-- if no error is negative, so that the vehicle never rolls unbraked,
-- from the moment when the fastest wheel center is slower than the speed threshold, until the pedal
-  is released, or until the speed exceeds the threshold by a hysteresis, as on a slope where the
-  brakes cannot hold the vehicle,
-- during a fault, for example if an input is invalid or the motion is unknown; the module
+- while no error is negative, so that the vehicle never rolls unbraked,
+- while the vehicle is slow: from the time when the fastest wheel center falls below the speed
+  threshold until the pedal is released or the speed exceeds the threshold by a hysteresis (for
+  example on a slope where the brakes cannot hold the vehicle),
+- while a fault is present, for example an invalid input or an unknown motion; the module
   `conditions` lists all faults.
 
 The assistant stores the line of motion when the motion is first known with the pedal down. All
-brakes act until then. After a gap in the feedback that is too long for the integration of the
-heading, the assistant stores a new line. A vehicle that only rotates at that time has no line of
-motion, so the component ``s_perp`` of its errors, which keeps a vehicle on its line, is zero.
+brakes act until then. If the feedback is interrupted for too long to integrate the heading, the
+assistant stores a new line afterward. A vehicle that only rotates when its line is to be stored has
+no line of motion. The component ``s_perp`` of its errors, which keeps a vehicle on its line, is
+then zero.
 """
 
 import dataclasses
@@ -53,7 +54,8 @@ class BrakeAssist:
     """Brake assistant of one vehicle.
 
     Attributes:
-        geometry: wheel geometry, in the order of `Decision.enable` and `Decision.error`.
+        geometry: wheel geometry; `Decision.enable` and `Decision.error` have the same order of
+            wheels.
     """
 
     def __init__(self, configuration: BrakeAssistConfiguration) -> None:
@@ -89,7 +91,7 @@ class BrakeAssist:
     def timeout(self, stamp_ns: int, silence: Fault) -> Decision:
         """Return a decision with all brakes on, because an input is silent or has two publishers.
 
-        The count of valid twists that ends the recovery starts again at 0.
+        The recovery starts again: the number of consecutive valid twists is set to 0.
 
         Args:
             stamp_ns: time of the decision [ns].
@@ -292,7 +294,7 @@ class BrakeAssist:
     def _all_on(self, check: int, fault: Fault) -> Decision:
         """Return a decision with all brakes on because of a fault.
 
-        The count of valid twists that ends the recovery starts again at 0.
+        The recovery starts again: the number of consecutive valid twists is set to 0.
 
         Args:
             check: condition of the fault, a row of `conditions.CONDITIONS`.

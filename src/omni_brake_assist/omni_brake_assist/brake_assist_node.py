@@ -196,7 +196,7 @@ class BrakeAssistNode(Node):
             self._answer()  # no twist arrives that would trigger the answer
 
     def _take(self, sample: Sample) -> None:
-        """Store a sample; in lockstep, answer the step once all its inputs are received."""
+        """Store a sample; in lockstep, publish the decision once its inputs are complete."""
         demand = self._inputs.take(sample)
         if demand is None or not self._lockstep:
             return

@@ -48,7 +48,7 @@ class Decision:
         stamp_ns: stamp of the demand for which this decision was made [ns].
         enable: share of the brake pressure that passes [1], shape (N,); a wheel with 0 rolls
             freely.
-        error: error of each wheel that the control law computes [m/s], shape (N,). With the law
+        error: error of each wheel, as defined by the control law [m/s], shape (N,). With the law
             `sliding_mode`, it is ``s_i`` of Eq. (44) of the dissertation. It is zero while the
             pedal is up or the feedback is invalid.
         state: state of the assistant.

@@ -90,9 +90,9 @@ def in_background(work: Callable[[], _T], *, worth: bool = True) -> Callable[[],
     yet, the returned function does the work itself.
 
     Args:
-        work: usually a call of one long kernel.
-        worth: whether the work is worth queuing. If it takes less than a few tenths of a
-            millisecond, it is not; with False, the returned function does the work.
+        work: function to queue, usually a call of one long kernel.
+        worth: whether to queue the function. Otherwise the returned function does the work, which is
+            faster if the work takes less than a few tenths of a millisecond.
     """
     queue = _queue() if worth else None
     begun = _Work(work, queue)

@@ -123,7 +123,7 @@ def cross(a: FloatArray, b: FloatArray) -> FloatArray:
 
 
 def turned(vectors: FloatArray, angle: FloatArray | float) -> FloatArray:
-    """Rotate planar vectors of shape (..., 2) counter-clockwise by angles [rad]."""
+    """Return planar vectors, shape (..., 2), rotated counter-clockwise by angles [rad]."""
     cos, sin = np.cos(angle), np.sin(angle)
     x, y = vectors[..., 0], vectors[..., 1]
     return np.asarray(np.stack((cos * x - sin * y, sin * x + cos * y), axis=-1))

@@ -37,8 +37,8 @@ def _enable_caching(dispatcher: Any) -> None:
 def _defer_blas() -> None:
     """Defer numba's search for a BLAS library until BLAS is first called.
 
-    The search imports all of scipy.linalg, which takes 0.3 s in each process. SciPy is always
-    installed, and compiling a matrix product still loads it.
+    The search imports all of scipy.linalg, which takes 0.3 s in each process. It only checks that
+    SciPy is installed, as it always is. Compiling a matrix product still loads SciPy.
     """
     look = linalg.ensure_blas
     linalg.ensure_blas = lambda: None
@@ -82,8 +82,8 @@ def _declares(**options: Any) -> Callable[[_F], _F]:
 
     A call from Python requires an entry point that converts the arguments. Compiling the entry
     point takes a quarter of the compilation time. The decorator therefore makes two dispatchers of
-    a function: one with the entry point, for Python, and one without it, for other kernels. Each
-    dispatcher compiles the function only if it is called.
+    a function: one with the entry point, for Python, and one without it, for other kernels. A
+    dispatcher compiles nothing until it is called.
     """
     declare = functools.partial(
         njit, cache=True, nogil=True, error_model="numpy", no_cfunc_wrapper=True, **options

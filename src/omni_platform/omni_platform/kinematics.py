@@ -126,9 +126,10 @@ def _singular_values(matrix: FloatArray, geometry: PlatformGeometry) -> FloatArr
 
 
 def smallest_singular_value(matrix: FloatArray, geometry: PlatformGeometry) -> float:
-    """Return the smallest singular value of ``M`` after its lengths have been scaled [1].
+    """Return the smallest singular value of ``M``, made dimensionless [1].
 
-    The lengths are divided by the largest distance between a wheel and the platform's center.
+    The lengths in the third column of ``M`` are divided by the largest distance between a wheel and
+    the platform's center.
 
     Args:
         matrix: matrix ``M`` of Eq. (33), with columns in [1], [1] and [m], shape (N, 3).

@@ -127,7 +127,7 @@ class LineBatch:
 
     @classmethod
     def unusable(cls, stamp_ns: int, fault: str) -> LineBatch:
-        """Create a batch without lines, with the reason."""
+        """Create a batch without lines; `fault` is the reason for this."""
         return cls(stamp_ns, np.empty((0, 0), np.uint8), fault)
 
     def __post_init__(self) -> None:

@@ -67,7 +67,7 @@ def to_nanoseconds(stamp: Time) -> int:
 def _nanoseconds(seconds: int, nanoseconds: int) -> int:
     """Return the sum [ns] of the two parts of a stamp.
 
-    A value of `nanoseconds` from 1e9 on is invalid; it counts as the end of the second.
+    If `nanoseconds` is 1e9 or more, it is invalid and counts as the end of the second.
     """
     return seconds * SECOND_NS + min(nanoseconds, SECOND_NS - 1)
 

@@ -71,9 +71,10 @@ def _given(node: Node) -> Mapping[str, Parameter]:
 
 
 def _whole_numbers_as_doubles(given: Parameter | None, kind: Any) -> Any:
-    """Return integers that are given for a parameter of type double, as doubles; otherwise None.
+    """Return integers, given for a parameter that consists of doubles, as doubles.
 
-    Without this conversion, ROS would reject an integer such as 1 for a double.
+    In all other cases, the result is None. Without this conversion, ROS would reject an integer
+    such as 1 for a double.
     """
     if given is not None:
         if kind is float and given.type_ == Parameter.Type.INTEGER:

@@ -104,7 +104,7 @@ def _limited_construction(stop: StopFlag) -> Iterator[None]:
 
     A subscription acknowledges messages before the construction of its node ends. If a signal ended
     the process at once, these messages would be lost. After a signal, the construction within the
-    block therefore continues; if it exceeds `_CONSTRUCTION_TIMEOUT`, the process ends.
+    `with` block therefore continues; if it exceeds `_CONSTRUCTION_TIMEOUT`, the process ends.
     """
 
     def request(number: int, *_: object) -> None:

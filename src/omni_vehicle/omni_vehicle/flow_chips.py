@@ -73,7 +73,7 @@ class FlowSample(NamedTuple):
 
     @classmethod
     def unmeasured(cls, problem: str) -> FlowSample:
-        """Return a reading in which all values are NaN, with the reason."""
+        """Return a reading in which all values are NaN; `problem` is the reason for this."""
         return cls(np.full(3, math.nan), np.full(3, math.nan), problem)
 
 
@@ -87,7 +87,7 @@ class FlowChip(Protocol):
             time: present time [s].
 
         Returns:
-            The reading; None if the chip may not have taken an image since the last reading.
+            The reading; None if the chip has possibly taken no image since the last one.
 
         Raises:
             FlowChipError: the chip does not answer.
@@ -163,10 +163,10 @@ def open_chip(configuration: FlowChipConfiguration) -> FlowChip:
 class CountingChip:
     """A PMW3901 or PAA5100JE, which counts how far the ground has moved since the last reading.
 
-    The counts change only when the chip takes an image. They are therefore divided by the duration
-    of the images since the last reading, not by the time since this reading. If the chip is read
-    more often than it takes images, all counts are from one image. Otherwise the number of images
-    is uncertain by one.
+    The counts change only when the chip takes an image. If the chip is read more often than it
+    takes images, all counts are therefore from one image, and are divided by the period of the
+    images. Otherwise they are divided by the time since the last reading, and the number of images
+    in this time is uncertain by one.
 
     Attributes:
         counts: sums of all counts along x and along y since the chip was opened.
@@ -190,8 +190,8 @@ class CountingChip:
     def read(self, time: float) -> FlowSample | None:
         """Return the mean velocity between the last images, without a yaw rate.
 
-        If there have been no counts for the duration of `_REST` images, the velocity is zero. If
-        there have been none for a shorter time, the result is None.
+        If the counts have been zero for the duration of `_REST` images, the velocity is zero. If
+        they have been zero for a shorter time, the result is None.
         """
         try:
             # A single transfer gives consistent values; the chip then counts from zero.

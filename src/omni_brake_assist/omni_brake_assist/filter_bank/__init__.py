@@ -35,9 +35,8 @@ isolated and when it recovers.
 The filter of the most probable hypothesis gives the estimate. A component of a fused twist replaces
 the same component of the estimate if it has a smaller variance. No estimate exists in three cases:
 too many sources are faulty; the variance is too large; or the twist is isolated, and the IMU gives
-no reading or no released wheel rolls. All brakes then act. Unless only the variance is too large,
-they act until the pedal is released. Without an IMU, only the wheels can show that the twist is
-faulty.
+no reading or no released wheel rolls. All brakes then act; in the first and the third case, they
+act until the pedal is released. Without an IMU, only the wheels can show that the twist is faulty.
 
 The filters run at the time of validity of the newest twist (delayed fusion horizon). With the
 readings of gyro and accelerometer, the estimate is predicted from that time to the present.

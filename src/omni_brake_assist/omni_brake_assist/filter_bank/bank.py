@@ -77,7 +77,7 @@ def estimate(
 
 @lean
 def _restart(memory: BankMemory, now_ns: int) -> None:
-    """While a source is isolated, periodically copy the best filter to the filter that uses all.
+    """While a source is isolated, periodically copy the best filter to the filter of all sources.
 
     If the isolated source has recovered, it agrees with the copied state. The hypothesis that no
     source is faulty then becomes the most probable one again.
@@ -107,7 +107,7 @@ def _store(memory: BankMemory, now_ns: int, readings: bank.Readings) -> None:
 
 @lean
 def _force(row: FloatArray) -> tuple[bool, float, float]:
-    """Return whether the specific force in a stored row is valid, and its x and y [m/s^2]."""
+    """Return whether the specific force in a stored row is valid, and its components [m/s^2]."""
     f_x, f_y = row[bank.ROW_IMU + 1], row[bank.ROW_IMU + 2]
     return math.isfinite(f_x + f_y), f_x, f_y
 

@@ -49,8 +49,8 @@ class _Wheel(NamedTuple):
         slides: prior probability that the wheel slides without being locked [1].
         locked: likelihood of the reading if the wheel is locked, times the prior probability [s/m].
         variance: variance of the speed of a rolling rim [m^2/s^2].
-        excess: amount by which the rim can be faster than in rolling after its brake is released,
-            while the tire springs back [m/s].
+        excess: amount by which the rim can exceed its rolling speed while the tire springs back
+            after the brake has been released [m/s].
         span: width of the range of readings of a faulty encoder [m/s].
     """
 
@@ -145,10 +145,10 @@ def _twist_error(
 def _twist_fit(
     constants: BankConstants, memory: BankMemory, dt: float, twist: bank.Twist
 ) -> tuple[float, float]:
-    """Return how much more likely the velocity and the yaw rate of a twist are correct than faulty.
+    """Return the evidence that velocity and yaw rate of a twist are correct rather than faulty.
 
-    A correct value agrees with the filter that does not use the twist, and a faulty one with the
-    last twist. Without an IMU, this filter cannot predict the velocity.
+    A correct value is expected near the prediction of the filter that does not use the twist, and a
+    faulty value near the last twist. Without an IMU, this filter cannot predict the velocity.
 
     Returns:
         Twice the log likelihood ratio of correct to faulty [1], for the velocity (0 without an IMU)
@@ -336,8 +336,8 @@ def _fuse_wheel(
     If the wheel probably rolls, the filter is also corrected.
 
     Returns:
-        Likelihood of the reading if the encoder is fault-free [s/m]. The part of sliding is limited
-        to the likelihood with a faulty encoder.
+        Likelihood of the reading if the encoder is fault-free [s/m]. The contribution of sliding to
+        it is at most the likelihood of the reading with a faulty encoder.
     """
     rolls, slides, locked, own, excess, span = wheel
     h, state, rim = memory.h, memory.state[k], memory.rim[i]

@@ -121,8 +121,9 @@ class BankConstants(NamedTuple):
         rate_deviation: limit on the standard deviation of the yaw rate of a valid estimate [rad/s].
         least_loss: smallest deceleration of a braked vehicle, see `least_loss` [m/s^2].
         force: random walk of the velocity when the specific force is used [m/s/sqrt(s)].
-        walk: random walk of the velocity without the specific force: 1 g for 0.01 s [m/s/sqrt(s)].
-        turn: random walk of the yaw rate: 30 rad/s^2 for 0.01 s [rad/s/sqrt(s)].
+        walk: random walk of the velocity without the specific force, equal to an acceleration of
+            1 g for 0.01 s [m/s/sqrt(s)].
+        turn: random walk of the yaw rate, equal to 30 rad/s^2 for 0.01 s [rad/s/sqrt(s)].
         gyro: standard deviation of the gyro [rad/s].
         rate: standard deviation of the yaw rate of a fault-free twist [rad/s].
         rebound: standard deviation of a rim's speed while the tire springs back after a release of
@@ -177,9 +178,9 @@ class BankMemory(NamedTuple):
         record: stamps and flags, a record of `BANK`, shape (1,).
         released: time for which each brake has been released [s], shape (N,).
         rim: last speed of each rim along the active direction [m/s], shape (N,).
-        mark: speed of the rim of each released wheel from which its gain in speed is measured
-            [m/s], shape (N,). It is the lowest speed since the release; after a gain, it is the
-            speed at the last gain.
+        mark: rim speed of each released wheel to which later speeds are compared to detect a gain
+            [m/s], shape (N,): the speed at the last gain, or the lowest speed since the release if
+            there has been no gain.
         idle: time for which the rim of each released wheel has not gained speed [s], shape (N,).
         gained: whether the rim of each wheel has gained speed since its release, shape (N,).
         faulty: probability under each hypothesis that the encoder of a wheel is faulty [1],

@@ -70,7 +70,8 @@ class Constants(NamedTuple):
         brake: nominal lag of the brakes.
         target_slip: slip at which a tire transmits its largest force [1].
         observer_time: time constant of the friction observer [s].
-        relaxation_speed: additional sliding speed until the tire has deflected [m/s].
+        relaxation_speed: sliding speed that is added to the set-point until the tire has deflected
+            [m/s].
         return_share: time constant of the heading correction as a share of the remaining time of
             the stop [1].
         deviation_weight: weight of heading and line of motion in the QP [1].

@@ -87,9 +87,9 @@ def best_pattern(memory: Memory) -> int:
     """Return the pattern of open and shut valves with the lowest predicted cost in the solved QP.
 
     Bit `i` of a pattern is set if valve `i` is open. If the brake force of a wheel far exceeds its
-    capacity, the wheel slides during the whole prediction with an open or a shut valve, so both
-    patterns have the same cost. Of such patterns, the smallest number is returned. Its valve is
-    shut, so that the brake force decreases.
+    capacity, the wheel slides during the whole prediction, whether its valve is open or shut. Both
+    patterns then have the same cost, and the smaller number is returned, in which the valve is
+    shut. The brake force thus decreases.
     """
     qp, n = memory.qp, memory.wheel.size
     least, best = math.inf, 0

@@ -57,7 +57,7 @@ class Motion(NamedTuple):
 
 @lean
 def is_new(motion: Motion) -> bool:
-    """Return whether a law must be called: at its first step, or because the stamp is new."""
+    """Return whether a law must be called: this is its first step, or the stamp is new."""
     return bool(motion.first or motion.dt > 0.0)
 
 

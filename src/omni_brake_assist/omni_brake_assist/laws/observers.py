@@ -3,9 +3,9 @@
 The model ``I/g^2 du/dt = f - B`` (`wheel_model`) gives the friction force ``f`` of a wheel from the
 speed ``u`` of the rim and the nominal brake force ``B``. ``I`` is the wheel's moment of inertia,
 and ``g`` the lever of the friction force about the axle. The force of a sliding wheel is its
-friction capacity. The estimated capacity is raised if a wheel uses all of it without sliding. From
-these forces, the motion of the body gives the vehicle's mass and the accelerations that friction
-does not explain.
+friction capacity. The estimated capacity is raised if a wheel uses all of it without sliding. These
+forces and the motion of the body give the vehicle's mass and the accelerations that friction does
+not explain.
 
 Three loops form a cascade. From the inside out, these are the friction observer, the disturbance
 observer, and the mass estimate together with the return of the heading (`braking_qp`). Each loop is
@@ -27,10 +27,10 @@ _LEAST_CAPACITY = 1.0  # lower limit, so that shares of the capacity are defined
 
 @lean
 def observe_wheels(law: Constants, memory: Memory, motion: Motion, error: FloatArray) -> None:
-    """Update motion and nominal brake force of each wheel, and estimate the dead time.
+    """Update motion and nominal brake force of each wheel; estimate the brakes' dead time.
 
     The estimated dead time increases while the wheels lose much less speed than the nominal torque
-    predicts. During this time the brakes are assumed to exert no force.
+    predicts. During the dead time, the brakes are assumed to exert no force.
 
     Args:
         law: constants of the law.

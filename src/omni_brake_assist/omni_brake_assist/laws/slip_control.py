@@ -1,10 +1,10 @@
-"""Slip control: brake forces for the demanded friction forces, and the choice of on-off valves.
+"""Slip control: brake forces, or a pattern of on-off valves, for the demanded friction forces.
 
 If the friction force demanded of a wheel equals its capacity, a speed controller keeps the wheel at
 the target slip. Every other wheel receives the brake force that causes the demanded friction force.
-A locked wheel slides with its whole capacity, regardless of its brake force. If less than half of
-the capacity is demanded, a proportional brake therefore releases the wheel until it turns. The
-acceleration of the wheel then shows the true capacity to the friction observer.
+A locked wheel exerts its whole capacity, regardless of its brake force. If less than half of this
+capacity is demanded, a proportional brake therefore releases the wheel until it turns. From the
+acceleration of the wheel, the friction observer then estimates the true capacity.
 
 On-off valves are switched to the pattern whose forces have the lowest cost in the QP. For both
 kinds of brakes, the law predicts the state of the wheel at the time when a new command begins to

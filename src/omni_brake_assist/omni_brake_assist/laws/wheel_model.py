@@ -116,9 +116,9 @@ def command_for(brake: NominalBrake, force: float, wanted: float, dt: float) -> 
 def advance_rim(wheel: BrakedWheel, speed: float, brake: float, dt: float) -> tuple[float, float]:
     """Return the rim speed of a braked wheel after one implicit step, and the friction force.
 
-    The friction force is ``c (1 - q^2)`` with ``q = (u - u_p)/(hub - u_p)``, limited to 0 to 1.
-    ``c`` is the friction capacity, ``u`` the speed of the rim, and ``u_p`` the speed of the rim at
-    the peak slip. The equation of the step is quadratic in ``q``.
+    The friction force is ``c (1 - q^2)``, where ``q = (u - u_p)/(hub - u_p)`` is limited to the
+    range from 0 to 1. ``c`` is the friction capacity, ``u`` the speed of the rim, and ``u_p`` the
+    speed of the rim at the peak slip. The equation of the step is quadratic in ``q``.
 
     Args:
         wheel: assumed properties of the wheel.
@@ -165,11 +165,12 @@ def advance(
 def predict_share(
     brake: NominalBrake, wheel: BrakedWheel, rim: Rim, command: float, dt: float, time: float
 ) -> float:
-    """Return the friction force after a command of one period, as a share of the capacity [1].
+    """Return the friction force after `command` has acted for one period [1].
 
-    For a brake with a lag, the prediction continues for one time constant with a command of 0. The
-    predicted force is low-passed like the measured force, so a force that alternates between
-    periods counts with its mean. The arguments are those of `advance`.
+    The force is a share of the capacity. For a brake with a lag, the prediction continues for one
+    time constant with a command of 0. The predicted force is low-passed like the measured force. If
+    the force alternates from one period to the next, its mean is therefore returned. The arguments
+    are those of `advance`.
     """
     for _ in range(1 + math.ceil(brake.time_constant / dt - 1e-9)):
         rim, command = advance(brake, wheel, rim, command, dt, time), 0.0

@@ -3,15 +3,16 @@
 A working brake makes its wheel slide: along the active direction, the rim is slower than the center
 of the wheel. A brake counts as failed if its wheel rolls without slip while another wheel slides
 under the same or less pressure. A law that assumes that the failed brake works would release the
-wrong brakes. After a failure, until the pedal is released, either `allocation` controls the on-off
-valves of the other brakes, or all brakes act if they are proportional.
+wrong brakes. After a failure, until the pedal is released, the reaction depends on the brakes. If
+they are on-off, `allocation` controls the other brakes (`LawConstants.replans` gives exceptions).
+If they are proportional, all brakes act.
 
 Free rolling is tested by a cumulative sum (Page, Biometrika 41, 1954) of the log-likelihood ratio
 of two hypotheses: the wheel rolls with a normally distributed deviation, or the wheel has an
 arbitrary slip. The small, constant slip of a heavily loaded wheel, which its brake cannot lock,
 therefore does not count as free rolling. The sum continues over several commands of the law to the
-same brake. It restarts after the brake has been released for longer than it was commanded to act,
-because a brake with a lag then does not reach the pressure at which its wheel slides.
+same brake. It restarts after the brake has been released for longer than it was commanded to act.
+With such short commands, a brake with a lag does not reach the pressure at which its wheel slides.
 
 If all brakes act so weakly that no wheel slides, no failure is detected.
 """
@@ -83,9 +84,9 @@ def brake_memory(wheels: int) -> FloatArray:
 
     The first N entries are the cumulative sums of the wheels [s]. The sum of a braked wheel rises
     by the duration of each step in which it rolls without slip, and falls if it slips. The next N
-    entries are the net times for which the brakes were commanded to act [s]: each rises by the
-    duration of a step with a commanded brake, and otherwise falls by it, but not below 0. The last
-    entry is the time since any wheel slid [s].
+    entries are the net times for which the brakes were commanded to act [s]. Each rises by the
+    duration of a step in which its brake is commanded to act. In other steps it falls by the
+    duration of the step, but not below 0. The last entry is the time since any wheel slid [s].
     """
     memory = np.zeros(2 * wheels + 1)
     memory[-1] = _SLIDE_VALIDITY

@@ -1,4 +1,4 @@
-"""Monitor that detects too little braking effect from pedal, wheel speeds and specific force.
+"""Monitor that uses pedal, wheel speeds and specific force to detect too little braking.
 
 A vehicle that decelerates by ``a`` although it could decelerate by ``c`` travels ``v (1 - a / c)
 dt`` farther than necessary. The monitor adds this length to the missed distance ``M``, adds the
@@ -21,9 +21,9 @@ decelerates faster than the vehicle.
 Two more bounds limit how long brakes may be released. The first is the duration of a stop with the
 mean deceleration `least`, extended by `grace`. The second is used only with an IMU: at the end of a
 stop, the deceleration may be small for at most the time constant of the specific force's low-pass.
-This bound ends stops in which the braked wheels exert no force along the motion, because the
-vehicle moves along their passive direction. Without an IMU, the end of a stop cannot be recognized,
-because locked wheels also have slow rims.
+This bound is exceeded in stops in which the braked wheels exert no force along the motion, because
+the vehicle moves along their passive direction. Without an IMU, the end of a stop cannot be
+recognized, because locked wheels also have slow rims.
 
 After a bound is exceeded, all brakes act until the pedal is released.
 """

@@ -1,14 +1,14 @@
 """A cache of compiled kernels that detects every change of the code of a kernel.
 
-numba compares the text of the file that a kernel is in. It therefore does not detect changes of
-functions and constants in other files, and compiles again after a comment has been edited. In this
-cache, the name of a file contains a digest of the kernel's bytecode and options, and of all
+numba's own cache depends only on the source file of a kernel. It therefore does not detect changes
+of functions and constants in other files, and compiles again after a comment has been edited. In
+this cache, the name of a file contains a digest of the kernel's bytecode and options, and of all
 functions, constants and tuple classes to which the kernel refers, directly or indirectly. The cache
 may contain several versions of a kernel.
 
 Processes share the cache: the first process that needs a kernel compiles it, and other processes
-that need the same kernel wait. This lock is necessary because numba has none: two processes that
-store the same kernel at the same time could damage its index file.
+that need the same kernel wait for it. numba itself has no such lock: without it, two
+processes that store the same kernel at the same time could damage its index file.
 """
 
 import contextlib
