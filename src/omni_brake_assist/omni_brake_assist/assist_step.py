@@ -313,7 +313,7 @@ def _outcome(
 
 @lean
 def _first_fault(step: Any, cause: int, outside: int, replans: bool) -> int:
-    """Return the row of the first present fault in `conditions.CONDITIONS`; GOOD without a fault.
+    """Return the row of `conditions.CONDITIONS` with the first fault that is present, or GOOD.
 
     Args:
         step: flags of this step, the record `Memory.step`.

@@ -12,7 +12,7 @@ class Fault:
     """A fault of an input of the assistant, with a description.
 
     Attributes:
-        state: state of the assistant; `AssistState.is_fault` is true for it.
+        state: state of the assistant that the fault causes.
         reason: description on one line, with the measured value and its limit.
     """
 

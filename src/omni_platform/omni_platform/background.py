@@ -91,8 +91,8 @@ def in_background(work: Callable[[], _T], *, worth: bool = True) -> Callable[[],
 
     Args:
         work: function to queue, usually a call of one long kernel.
-        worth: whether to queue the function. Otherwise the returned function does the work, which is
-            faster if the work takes less than a few tenths of a millisecond.
+        worth: whether to queue the function. Otherwise the returned function does the work, which
+            is faster if the work takes less than a few tenths of a millisecond.
     """
     queue = _queue() if worth else None
     begun = _Work(work, queue)

@@ -28,8 +28,8 @@ def flatten(
     Args:
         configuration: the configuration.
         prefix: dotted path that is put before each name.
-        part: base class of the configuration's class, to return only the fields of the base class;
-            None for all fields.
+        part: class whose fields are returned, a base class of the configuration's class; None for
+            all fields.
 
     Returns:
         Values of the types bool, int, float, str, or list of float or str, keyed by parameter name.

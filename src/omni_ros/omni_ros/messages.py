@@ -78,8 +78,8 @@ def leading_stamp(data: bytes, of_list: bool = False) -> int | None:
     Args:
         data: message in CDR with its encapsulation header; the message type must begin with a
             `builtin_interfaces/Time`.
-        of_list: whether the message begins instead with a list of messages of such a type; if so,
-            the stamp of the first one is returned.
+        of_list: whether the message begins with a list of such messages instead; if so, the stamp
+            of the first one is returned.
 
     Returns:
         The stamp; None if the message is too short, or if the stamp is negative, because a
@@ -120,9 +120,12 @@ def joint_state(
     Args:
         stamp_ns: stamp [ns].
         names: names of the joints.
-        position: positions, shape (K,); None leaves the field empty. The unit is that of the topic.
-        velocity: velocities, shape (K,); None leaves the field empty.
-        effort: efforts, shape (K,); None leaves the field empty.
+        position: positions, shape (K,), in the unit that the topic requires; None leaves the field
+            empty.
+        velocity: velocities, shape (K,), in the unit that the topic requires; None leaves the field
+            empty.
+        effort: efforts, shape (K,), in the unit that the topic requires; None leaves the field
+            empty.
     """
     message = stamped(JointState, stamp_ns)
     message.name = names

@@ -37,7 +37,7 @@ def predict(
     force: tuple[bool, float, float],
     braking: bool,
 ) -> None:
-    """Predict all filters over a step; filters that use the accelerometer use the specific force.
+    """Predict all filters over a step, with the specific force where a filter uses it.
 
     Args:
         constants: constants of the vehicle.

@@ -51,7 +51,7 @@ def step(
     error: FloatArray,
     enable: FloatArray,
 ) -> int:
-    """Call the chosen law and return its result; HELD if the motion has no new stamp.
+    """Call the chosen law and return its result; HELD if `is_new` is false for the motion.
 
     The arguments `motion`, `error` and `enable` are those of `Law.step`. After a brake has failed,
     `allocation` controls the rest of the stop with the working brakes if `LawConstants.replans` is

@@ -81,7 +81,7 @@ def publish(kernel: Dispatcher, result: CompileResult, digest: str) -> None:
 
 
 def _call_of(result: CompileResult, symbol: str) -> Any:
-    """Return the LLVM module that the callers of a linked kernel include: a call of its symbol."""
+    """Return an LLVM module that only calls a linked kernel; the kernel's callers include it."""
     module, names = ir.Module(), result.fndesc
     convention = result.target_context.call_conv
     native = convention.get_function_type(names.restype, names.argtypes)
