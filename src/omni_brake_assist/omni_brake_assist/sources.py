@@ -141,7 +141,7 @@ def summary(decision: Decision, found: Sequence[Source]) -> tuple[int, str]:
 
 
 def _disagreement(gate: np.void, rolling: FloatArray) -> str:
-    """Return the last valid twist and the twist of rolling wheels, in words."""
+    """Return a text with the last valid twist and the twist computed from the wheel speeds."""
     return "; ".join(
         f"{name} {v_x:.2f}, {v_y:.2f} m/s, {yaw_rate:.2f} rad/s"
         for name, (v_x, v_y, yaw_rate) in (

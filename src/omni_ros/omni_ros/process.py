@@ -203,7 +203,7 @@ def spin_until_stopped(_node: Node, spinner: Spinner) -> None:
 
 
 def _end_with_parent() -> None:
-    """Make the kernel send SIGTERM to this process when its parent process dies.
+    """Make the operating system send SIGTERM to this process when its parent process ends.
 
     This is done only if the bring-up has started this process and set `PARENT_PID_VARIABLE`. A node
     that was started by hand continues after its shell ends, as usual.

@@ -8,8 +8,8 @@ demanded yaw moment and side force, and ``W`` is the weight `deviation_weight`:
 subject to ``0 <= x <= 1``.
 
 The demand corrects heading and direction of motion if they deviate by more than ``max_rotation``;
-it includes the estimated disturbances. The cost of violating the demand is quadratic
-near zero and otherwise linear in the violation (exact penalty), as in the Huber loss.
+it includes the estimated disturbances. The cost of violating the demand is quadratic near zero and
+otherwise linear in the violation (exact penalty), as in the Huber loss.
 """
 
 import math
