@@ -10,10 +10,11 @@ A page contains a template in a comment, and the filled template below it::
 
 ``{study:metric.case:.1f}`` refers to a metric of another study, and ``run_EXPERIMENT`` to a run
 over the ROS graph. ``{table.row_column}`` refers to a cell of ``table.csv`` in the folder of the
-study. ``row`` is the first cell of the row and ``column`` the head of the column, with ``_`` for
-all characters except letters and digits. A line ``each:`` repeats the next line for each of the
-entries that it lists, separated by semicolons. In this next line, ``$1`` and ``$2`` are replaced by
-the parts of an entry before and after its comma; inside braces the same rule for ``_`` applies::
+study. ``row`` is the first cell of the row and ``column`` the head of the column; in both, ``_``
+replaces all characters except letters and digits. A line ``each:`` repeats the next line for each
+of the entries that it lists, separated by semicolons. In this next line, ``$1`` and ``$2`` are
+replaced by the parts of an entry before and after its comma; inside braces the same rule for ``_``
+applies::
 
     each: rear axle, 2 m; front axle, 3 m
     | $1 at $2 | {loads.$1_mean:.0f} N |

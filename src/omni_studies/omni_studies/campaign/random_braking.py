@@ -205,8 +205,7 @@ class Allowed(NamedTuple):
     """Limits on the results of an assisted stop.
 
     Attributes:
-        orientation: limit on the increase of the orientation change over that of the unassisted
-            stop [deg].
+        orientation: limit on the orientation change minus that of the unassisted stop [deg].
         distance: limit on the ratio of the stopping distance to that of the unassisted stop [1]. A
             value of 2 permits the release of half of the wheels.
         energy: limit on the rise of the energy during braking, relative to the energy at the start
@@ -334,9 +333,9 @@ def without(drawn: Tree, cause: str) -> Tree:
 def energy_rise(run: compiled.FastRun, configuration: experiment.ExperimentConfiguration) -> float:
     """Return the largest rise of the energy from any stamp to a later stamp [1].
 
-    The energy is the kinetic and elastic energy on flat ground, divided by its value at the time at
-    which the brake pedal opens the clutches of the motor drives. From then on, it must not rise,
-    because brakes can only remove energy.
+    The energy is the kinetic and elastic energy on flat ground, divided by its value when the brake
+    pedal opens the clutches of the motor drives. From then on, it must not rise, because brakes can
+    only remove energy.
     """
     free = run.pedal >= configuration.vehicle.drive.clutch_threshold
     energy = run.energy[free]

@@ -75,7 +75,7 @@ class Fault(NamedTuple):
         onset: time from pressing the pedal to the fault [s].
         amplitude: size of the fault in the unit of the first channel; `_configurations` derives the
             size in a second channel.
-        period: period of a ramp, sine or delay [s].
+        period: duration of a ramp, period of a sine, or length of a delay [s].
     """
 
     channel: str
@@ -116,7 +116,7 @@ class Stop(NamedTuple):
         axis: index of the faulty axis or wheel, -1 for all.
         onset: time of the fault after the pedal is pressed [s].
         amplitude: amplitude of the fault, in the unit of the first channel.
-        period: period of a ramp, sine or delay [s].
+        period: duration of a ramp, period of a sine, or length of a delay [s].
         counted: whether the reference stop comes to rest, 0 or 1.
         rest: whether the vehicle comes to rest, 0 or 1.
         distance: stopping distance, divided by the distance of the reference stop [1].
@@ -317,10 +317,10 @@ def _range(channel: str, kind: str, axis: int) -> tuple[float, float]:
 def _configurations(fault: Fault, time: float) -> dict[str, FaultConfiguration]:
     """Return the fault of each affected channel, keyed by channel.
 
-    In a pair, both amplitudes are at the same relative position in their logarithmic ranges. The
-    axis of a fault is an axis of the twist. For x and y, it is also the axis of the accelerometer;
-    a fault of the yaw rate affects both axes of the accelerometer. Gyro and encoders are affected
-    as a whole.
+    In a pair, the amplitudes of the two channels are at the same relative position in the
+    logarithmic ranges of these channels. The axis of a fault is an axis of the twist. For x and y,
+    it is also the axis of the accelerometer; a fault of the yaw rate affects both axes of the
+    accelerometer. Gyro and encoders are affected as a whole.
     """
     channels = fault.channel.split("+")
     low, high = _range(channels[0], fault.kind, fault.axis)
@@ -348,7 +348,7 @@ def _reference(runs: Sequence[FastRun]) -> Reference:
 def _severity(stop: Stop) -> float:
     """Return the severity of a stop [1]: 1 at the limit of distance or rotation.
 
-    A stop that does not come to rest is worse by 100. A stop that is not counted has severity 0.
+    If the vehicle does not come to rest, 100 is added. A stop that is not counted has severity 0.
     """
     limit = limits(stop.extent, imu=bool(stop.imu))
     far = (stop.distance - 1.0) / ((limit.distance or 2.0) - 1.0)

@@ -282,16 +282,17 @@ def _measure(
     """Return the errors of all batches of one drive; the odometry is reset before the first one.
 
     Args:
-        fault: fault of stamps, order or number of the lines, which is applied here.
+        fault: the fault. Its effects on stamps, order and number of the lines are applied here; its
+            effects on the pixels are already part of `lines`.
         lines: lines of the faulty cameras, keyed by camera, shape (t, pixels) each.
         drive: true times and path of the lines.
         motion: motion of the cameras.
         settings: parameters of the odometry.
 
     Returns:
-        For each batch: error of the velocity along the axis divided by the stated standard
-        deviation [1], error [m/s], and reason of a rejection or remark. Errors are NaN if the batch
-        is unmeasured.
+        For each camera and each batch except the first: error of the velocity along the axis
+        divided by the stated standard deviation [1], error [m/s], and reason of a rejection or
+        remark. Errors are NaN if the batch is unmeasured.
     """
     configured = {
         n: dataclasses.replace(s, line_rate=s.line_rate * fault.rate) for n, s in SENSORS.items()

@@ -134,7 +134,7 @@ class Cases:
 
     @property
     def _each(self) -> list[tuple[str, str]]:
-        """Law and source of the twist for each run of a stop: unassisted first."""
+        """Law and source of the twist for each run of a stop; the unassisted run is the first."""
         sources = self.options.source
         return [(_UNASSISTED, "ideal"), *((law, one) for law in _LAWS for one in sources)]
 

@@ -65,7 +65,7 @@ class SpinTranslate:
         return np.column_stack((self.speed * time, y, self.yaw_rate * time))
 
     def twist(self, time: FloatArray, yaw: FloatArray) -> FloatArray:
-        """Return the reference twist in the axes of a body [m/s, m/s, rad/s], shape (T, 3).
+        """Return the reference twist in the frame of a body [m/s, m/s, rad/s], shape (T, 3).
 
         Args:
             time: times [s], shape (T,).
@@ -203,8 +203,8 @@ def _metrics(name: str, tracking: Tracking) -> dict[str, Metric]:
 def two_sensor_errors(tracking: Tracking, apart: float = 0.4) -> dict[str, float]:
     """Return the errors of the final position from dead reckoning with two area sensors [m].
 
-    They are keyed by method: ``straight`` for Eqs. (73)-(75), ``arc`` for these with `along_arc`,
-    ``first_sensor`` for Eqs. (76)-(78) with `along_arc`.
+    They are keyed by method: ``straight`` for Eqs. (73)-(75), ``arc`` for the same equations with
+    `along_arc`, ``first_sensor`` for Eqs. (76)-(78) with `along_arc`.
 
     Args:
         tracking: the motion; each sensor measures its path along its own axes in every period.
