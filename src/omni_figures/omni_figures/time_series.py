@@ -120,7 +120,7 @@ def _draw_brakes(axes: Axes, history: RunHistory, wheels: Sequence[str]) -> None
 def _set_scales(
     columns: Sequence[Sequence[Axes]], histories: Sequence[RunHistory], before: float
 ) -> None:
-    """Set the limits of all panels; the time axis starts `before` [s] before braking."""
+    """Set the limits of all panels; the time axis starts `before` seconds before braking."""
     first = max(-before, min(float(h.braking_time[0]) for h in histories))
     last = max(float(h.braking_time[-1]) for h in histories)
     for axes in (axes for panels in columns for axes in panels):

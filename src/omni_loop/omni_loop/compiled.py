@@ -258,7 +258,8 @@ def _advance(state: State, loop: _Loop, scratch: _Scratch, stamp: int, yaw: floa
 
     Args:
         state: state of the vehicle, changed in place.
-        loop: inputs; if `loop.hold_world` is true, the command of this stamp is rotated in place.
+        loop: inputs. If `loop.hold_world` is true, the velocity command of this stamp, which keeps
+            its direction in the world, is converted to the body frame in place.
         scratch: buffers, which contain the enables of this stamp.
         stamp: index of the control stamp.
         yaw: present heading of the vehicle in `odom` [rad].

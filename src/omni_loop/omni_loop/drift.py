@@ -45,7 +45,7 @@ def absolute_error(truth: FloatArray, path: FloatArray) -> float:
 
 
 def relative_error(truth: FloatArray, path: FloatArray, delta: float = DELTA) -> tuple[float, int]:
-    """Return the error of an estimated path over segments of the true path with a fixed length.
+    """Return the error of an estimated path over segments of `delta` along the true path.
 
     Args:
         truth: true poses x, y, yaw [m, m, rad], shape (T, 3).

@@ -352,7 +352,7 @@ def short_name(path: str | Path) -> str:
     """Return the short name of an experiment or vehicle: the name of its file or folder.
 
     Args:
-        path: a name, a path that ends in ``.yaml``, or a folder of ``./omni new-vehicle``.
+        path: a name, a path that ends in ``.yaml``, or a folder made by ``./omni new-vehicle``.
     """
     file = Path(path)
     if file.name in _IN_FOLDER.values():

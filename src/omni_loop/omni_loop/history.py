@@ -46,7 +46,7 @@ class RunHistory:
         brake_torque: torque of each brake [N m], shape (T, N).
         enable: brake enable of each wheel [1], 1 for the full pressure, 0 for a freely rolling
             wheel, shape (T, N).
-        error: error of each wheel that the control law computes [m/s], shape (T, N). With the
+        error: control error of each wheel, from the control law [m/s], shape (T, N). With the
             sliding-mode law, it is ``s_i`` of Eq. (44) of the dissertation.
         pedal: brake demand of the driver, 0 to 1, shape (T,).
         estimate: twist measured by the odometry in the body frame [m/s, m/s, rad/s], shape (T, 3).

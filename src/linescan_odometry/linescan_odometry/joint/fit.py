@@ -176,11 +176,12 @@ def _variance(errors: Doubles, share: Doubles) -> float:
 def _moved(here: Expansion) -> tuple[Spectrum, float]:
     """Return the product ``M z``, shape (t, F), and the relative curvature [1].
 
-    Let D be the diagonal matrix of the derivatives of the paths, weighted by the row of the inverse
-    information that belongs to d. With ``M = (D T^-1 - T^-1 D) / 2``, the Newton step in d is the
-    sum over frequencies of ``Re((2 pi i f z)' M z)``. A constant in D moves all lines together, and
-    does not change M. The derivative of the step with respect to d is the negative of the relative
-    curvature: the observed curvature of the log-likelihood, divided by the expected one.
+    z are the spectra of the cut lines, and T is their covariance. Let D be the diagonal matrix of
+    the derivatives of the paths, weighted by the row of the inverse information that belongs to d.
+    With ``M = (D T^-1 - T^-1 D) / 2``, the Newton step in d is the sum over frequencies of
+    ``Re((2 pi i f z)' M z)``. A constant in D moves all lines together, and does not change M. The
+    derivative of the step with respect to d is the negative of the relative curvature: the observed
+    curvature of the log-likelihood, divided by the expected one.
     """
     cut, model = here.cut, here.model
     derivatives = here.inverse[0, 0] * model.along[0] + here.inverse[0, 1] * model.along[1]

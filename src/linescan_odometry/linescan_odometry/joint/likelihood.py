@@ -360,10 +360,10 @@ def _on_grid(precision: Precision, cut: Cut, pixels: int) -> tuple[Doubles, Doub
         pixels: number of pixels of a whole line.
 
     Returns:
-        Two arrays of shape (F,). The first is the precision of the pattern from the prior, earlier
-        batches and all blocks of this batch except one; all blocks add equal precision. The second
-        is the variance of the pattern that the lines still contain. It is 0 at frequencies where
-        the pattern estimated from this batch has been subtracted.
+        Two arrays of shape (F,). The first is the precision of the pattern before one block is
+        evaluated: from the prior, earlier batches and the other blocks of this batch. All blocks
+        add equal precision. The second is the variance of the pattern that the lines still contain.
+        It is 0 at frequencies where the pattern estimated from this batch has been subtracted.
     """
     before, batch = precision
     known, contained = np.zeros(cut.spectra.shape[1]), np.zeros(cut.spectra.shape[1])

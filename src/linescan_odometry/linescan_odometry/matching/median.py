@@ -26,7 +26,7 @@ def mark_inliers(
     """Write to `inlier` whether each displacement is close to the median of its group.
 
     The pairs are divided into groups of nearly equal size, with at most `group_lines` pairs each.
-    If no more than half of the pairs of a group agree, the whole group is invalid.
+    If at most half of the pairs of a group are close to the median, the whole group is rejected.
 
     Args:
         displacement: displacements of m consecutive pairs [px], shape (m,).

@@ -1,9 +1,9 @@
 """Optical-flow sensors, which measure two components of the velocity at their position.
 
 Such a sensor (PMW3901, PAA5160 of an OTOS, a mouse sensor) counts the displacement of the ground
-along two axes, and its driver publishes a velocity with a covariance. The velocity is weighted by
-this covariance. A velocity is rejected if it is NaN, if it exceeds the speed limit of the sensor,
-or if it differs from the last velocity by more than the acceleration limit permits.
+along two axes, and the sensor driver publishes a velocity with a covariance. The velocity is
+weighted by this covariance. A velocity is rejected if it is NaN, if it exceeds the speed limit of
+the sensor, or if it differs from the last velocity by more than the acceleration limit permits.
 """
 
 import math

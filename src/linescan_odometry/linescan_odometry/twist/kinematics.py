@@ -9,9 +9,9 @@ constraint is valid for the driven axle of a differential drive and the rear axl
 drive, but not for omni-wheels.
 
 When the vehicle skids, the constraint is wrong. Two cameras cannot detect the skid: the estimated
-v_y then has an error as large as the skid velocity, while the covariance includes only `deviation`.
-The constraint is therefore used only if the sensors alone do not determine the twist. Otherwise, it
-is only compared with the sensors to detect a skid.
+v_y then has an error as large as the skid velocity, while the covariance includes only the sideways
+velocity of gripping wheels. The constraint is therefore used only if the sensors alone do not
+determine the twist. Otherwise, it is only compared with the sensors to detect a skid.
 """
 
 import math

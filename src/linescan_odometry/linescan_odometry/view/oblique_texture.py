@@ -1,11 +1,11 @@
 """Detection of oblique textures, on which motion across the axis looks like motion along it.
 
-A line camera measures the mean over the width of its view. In motion across the axis, new ground
-enters the view, and on ordinary ground the lines lose their correlation after one width of the
-view. If the texture is oblique to the axis, the same stripes remain in the view and shift along the
-line. A single camera cannot distinguish this from motion along its axis. The twist, however, gives
-the motion across the axis: if a view stays correlated for longer than one width, the texture is
-oblique.
+Each pixel of a line camera averages the brightness across the axis, over the width of the view. In
+motion across the axis, new ground enters the view, and on ordinary ground the lines lose their
+correlation after one width of the view. If the texture is oblique to the axis, the same stripes
+remain in the view and shift along the line. A single camera cannot distinguish this from motion
+along its axis. The twist, however, gives the motion across the axis: if a view stays correlated for
+longer than one width, the texture is oblique.
 """
 
 import math
@@ -106,7 +106,7 @@ class Keyframe:
 
 @njit(cache=True)
 def _differentiate(line: Lines | Float32Array, step: int, gradient: Float32Array) -> None:
-    """Write to `gradient` the differences between neighboring sums of `step` pixels of a line."""
+    """Write to `gradient`, for each position, the sum of the next `step` pixels minus the last."""
     ahead, behind = 0.0, 0.0
     for i in range(step):
         behind += line[i]

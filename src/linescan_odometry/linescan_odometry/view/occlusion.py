@@ -2,8 +2,8 @@
 
 The image of an occluded camera matches itself perfectly at zero displacement, like the image of the
 ground at rest or in motion across the axis. A camera therefore counts as occluded in two cases: its
-view becomes constant sooner than a vehicle can stop (50 m/s^2), or its view does not change
-although the vehicle moves across its axis.
+view becomes constant sooner than a vehicle can stop (at most 50 m/s^2), or its view does not change
+although the camera moves.
 """
 
 import math
