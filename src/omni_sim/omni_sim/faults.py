@@ -75,7 +75,7 @@ class Faults(NamedTuple):
             channel], period [s]; shape (K, 7).
         held: reading at the onset of each fault, shape (K, W).
         begun: 1 if the onset of a fault has passed, else 0, shape (K,).
-        past: latest readings to which each fault is applied, a ring buffer over the stamps, shape
+        past: latest readings before each fault is applied, a ring buffer over the stamps, shape
             (K, 64, W).
     """
 

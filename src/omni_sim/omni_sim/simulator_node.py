@@ -238,7 +238,10 @@ class SimulatorNode(Node):
         self.manual_driver.steer(pedal, target, twist, period)
 
     def enable_for(self, stamp_ns: int) -> FloatArray:
-        """Return the brake enables, shape (N,); all brakes on if they are missing or too old."""
+        """Return the received brake enables, shape (N,), or ones (all brakes on) if not valid.
+
+        Enables are valid if they have one publisher and are neither too old nor from the future.
+        """
         age = stamp_ns - self._enable_stamp_ns
         if self.enables.get_publisher_count() > 1:
             self.get_logger().error(

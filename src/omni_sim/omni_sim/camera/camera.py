@@ -86,8 +86,8 @@ class LineCamera:
     def grays(self, poses: FloatArray, velocities: FloatArray | None = None) -> Float32Array:
         """Return the light on each pixel in gray levels, without noise and quantization.
 
-        This is the mean gray level of the pixel's footprint times the transmission of the optics
-        and the gain of the pixel, shape (m, pixels).
+        The light is the mean gray level of the pixel's footprint times the transmission of the
+        optics and the gain of the pixel. The result has the shape (m, pixels).
 
         Args:
             poses: poses of `base_link` [m, m, rad], one per line, shape (m, 3).

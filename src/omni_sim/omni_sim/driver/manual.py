@@ -1,8 +1,8 @@
-"""Driver that receives pedal position and velocity from outside in every control period.
+"""Driver that follows pedal positions and velocity commands from another program.
 
-Without commands, the vehicle brakes fully (dead man's switch). The velocity command starts from the
-vehicle's present velocity. Its rate of change is limited, so that it does not follow steps of a
-joystick.
+Without commands, the vehicle brakes fully (dead man's switch). After braking, the velocity command
+starts from the vehicle's velocity. Its rate of change is limited, so that it does not follow steps
+of a joystick.
 """
 
 import math

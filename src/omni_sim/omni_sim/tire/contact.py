@@ -80,7 +80,7 @@ def _turning_point(viscous: float, gain: float, curve: Any, falling: float, risi
 def solve_contact(
     demand: float, damping: float, gain: float, speed: float, curve: Any, sliding: bool
 ) -> tuple[float, float, bool]:
-    """Solve the contact equation; the result is that of `tire.model.contact_friction`.
+    """Solve the contact equation; for the result, see `tire.model.contact_friction`.
 
     Args:
         demand: ``|A|``, magnitude of the force that a sticking patch would need [N].

@@ -194,7 +194,7 @@ def contact_friction(
 
 
 def flat_together(*values: ArrayLike) -> tuple[tuple[int, ...], list[FloatArray]]:
-    """Return the shape to which the arguments are broadcast, and the flattened results."""
+    """Return the common shape of the arguments, and the broadcast arguments, flattened."""
     common = np.broadcast_arrays(*(np.asarray(value, dtype=np.float64) for value in values))
     return common[0].shape, [np.ascontiguousarray(array).ravel() for array in common]
 

@@ -191,7 +191,10 @@ def base_motion(body: layout.Record, center: Pair, motion: FloatArray) -> None:
 
 @lean
 def _write_pose(plant: layout.Plant, body: layout.Record, row: FloatArray) -> None:
-    """Write pose and velocity of base_link in the world [m, rad, m/s, rad/s] to `row`, (6,)."""
+    """Write pose and velocity of base_link in the world frame to `row`.
+
+    The row contains x, y, yaw [m, m, rad] and their time derivatives, shape (6,).
+    """
     cos, sin = math.cos(body.yaw), math.sin(body.yaw)
     c_x, c_y = plant.center
     g_x, g_y = cos * c_x - sin * c_y, sin * c_x + cos * c_y

@@ -258,7 +258,7 @@ def _model(
     suspension: float,
     physics_step: float,
 ) -> Iterator[str]:
-    """Generate the description of a vehicle in MuJoCo's format.
+    """Generate the lines of a vehicle's description in MuJoCo's XML format.
 
     Args:
         vehicle: configuration of the vehicle.
@@ -318,7 +318,7 @@ def _rollers(
     axis: FloatArray,
     lowest: FloatArray,
 ) -> Iterator[str]:
-    """Generate the rollers of a wheel.
+    """Generate the XML elements of the rollers of a wheel.
 
     Args:
         rollers: configuration of the rollers.
@@ -349,7 +349,7 @@ def _rollers(
 
 
 def _chassis(vehicle: VehicleConfiguration, wheel_mass: float) -> Iterator[str]:
-    """Generate the elements of the chassis and its load.
+    """Generate the XML elements of the chassis and its load.
 
     The mass of the chassis does not include the wheels; `wheel_mass` is the mass of a wheel [kg].
     """

@@ -48,7 +48,7 @@ class _Touch(NamedTuple):
 
 @lean
 def displace_contacts(plant: Plant, wheels: Structured, contacts: Structured) -> None:
-    """Move the contacts to the contact points under the rollers, Eqs. (9), (10).
+    """Write the contact of each wheel's lowest roller at the middle of the step, Eqs. (9), (10).
 
     Args:
         plant: constants; the roller pitch must not be 0.

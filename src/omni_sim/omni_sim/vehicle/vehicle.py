@@ -43,7 +43,8 @@ class Vehicle:
         masses: body and load together.
         physics_step: length of a step [s].
         state: state of the kernels, not a copy; changed by `advance` and `place`.
-        tipping: whether fewer than three wheels could carry the vehicle in the last call.
+        tipping: whether fewer than three wheels carried the vehicle in any step of the last call of
+            `advance`.
     """
 
     def __init__(

@@ -1,1 +1,1 @@
-"""One wheel: hub, drive, brake, and rollers, modeled individually or as a single roller."""
+"""One wheel: hub, drive, brake, and either individual rollers or a single roller."""

@@ -38,7 +38,7 @@ class BrakePressure(NamedTuple):
         open: smallest share of the pressure that each valve can pass [1], shape (N,).
         stuck: minimum of the demanded torque of each brake [N m], shape (N,).
         pressure_step: resolution of a valve [1]; 1 for on-off valves, 0 for continuous valves.
-        release_lag: number of steps by which releasing is slower than applying.
+        release_lag: dead time of releasing minus dead time of applying, in steps; at least 0.
     """
 
     remainder: float

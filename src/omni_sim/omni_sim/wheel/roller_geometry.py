@@ -115,7 +115,7 @@ class RollerGeometry:
 
     @property
     def half_pitch(self) -> float:
-        """Wheel angle from a roller's middle to the change of rollers [rad]."""
+        """Wheel angle between the middle of a roller and the change to the next roller [rad]."""
         return math.pi / self.rollers
 
     @property

@@ -110,6 +110,6 @@ def _spread(builder: Any, number: Any) -> Any:
 
 
 def _address(context: Any, builder: Any, kind: Any, array: Any, at: Any, content: Any) -> Any:
-    """Return an LLVM pointer to element `at` of an array, for a value of the type `content`."""
+    """Return the address of element `at` of an array, as an LLVM pointer to type `content`."""
     data = cgutils.create_struct_proxy(kind)(context, builder, value=array).data
     return builder.bitcast(builder.gep(data, [at]), content.as_pointer())

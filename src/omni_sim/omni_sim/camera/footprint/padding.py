@@ -79,7 +79,7 @@ class Coarsening(NamedTuple):
 
     Attributes:
         sufficient: condition for any footprint.
-        wide: condition for a wide footprint, with slightly more than one texel per pixel.
+        wide: condition that only wide footprints satisfy; it permits nearly one texel per pixel.
         most: limit on the number of texels per period, which limits the memory.
         worth: ratio of coarse to fine texel size below which fine texels are used [1].
         whole: limit on the factor by which the number of coarse texels may be increased so that

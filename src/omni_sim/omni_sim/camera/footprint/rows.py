@@ -143,10 +143,10 @@ def _rounding(row: int) -> int:
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def bound_rows(cover: Cover, count: int, rows: Rows) -> None:
-    """Write to `rows` in which of `count` columns each row is covered completely.
+    """Write to `rows` the range of columns, out of `count`, that covers each row completely.
 
-    Row j is covered in column c if ``low + climb c <= j`` and ``j + 1 <= low + climb c + height``,
-    with the fields of `cover`.
+    Column c covers row j completely if ``low + climb c <= j`` and ``j + 1 <= low + climb c +
+    height``, with the fields of `cover`.
     """
     low, climb, height = cover
     starts, ends = rows.starts, rows.ends
