@@ -155,9 +155,10 @@ class OdometryConfiguration(Configuration):
     def skew(self) -> float:
         """Limit on the difference between the stamps of measurements that are used together [s].
 
-        Without cameras, each flow sensor measures at its own times. The stamps of two sensors with
-        equal rates then differ by up to half a period. The limit is three quarters of a period, so
-        that jitter of the stamps does not cause lost measurements.
+        With cameras, this is `maximum_skew`. Without cameras, each flow sensor measures at its own
+        times, so the stamps of two sensors with equal rates differ by up to half a period. The
+        limit is then at least three quarters of a period, so that jitter of the stamps does not
+        cause lost measurements.
         """
         rates = [sensor.rate for sensor in self.flow_sensors.values()]
         if self.sensors or not rates:

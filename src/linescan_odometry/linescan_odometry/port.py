@@ -34,7 +34,7 @@ class Odometry(Protocol):
 
 
 class _OwnOdometry:
-    """Wrapper of a user's odometry class, of which only ``update`` is required."""
+    """Wrapper of a user's odometry class, which needs only the method ``update``."""
 
     def __init__(self, odometry: Any) -> None:
         self._odometry = odometry
@@ -75,9 +75,9 @@ class BatchCollector:
     until it delivers again. A batch that arrives after its group was returned is dropped; the
     odometry detects the gap in the lines and restarts the chain of lines.
 
-    Flow sensors that are used together with cameras are followers: they have their own rate and do
-    not start groups. If the next measurement of a follower is due before the end of a group, the
-    group waits for it as long as for a missing camera.
+    Followers are flow sensors that do not start groups, because cameras or faster flow sensors do.
+    If the next measurement of a follower is due before the end of a group, the group waits for this
+    measurement as long as for a missing camera.
     """
 
     def __init__(

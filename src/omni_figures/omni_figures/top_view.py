@@ -241,7 +241,7 @@ def _choose_view(
     height: float = 10.0,
     lowest: float = 1.3,
 ) -> _View:
-    """Choose an area that contains all snapshots of all variants, and the largest scale that fits.
+    """Choose an area that contains the snapshots of all variants, and its largest possible scale.
 
     Args:
         scene: vehicle and ground.

@@ -234,7 +234,7 @@ class ExperimentLibrary:
         return declared.from_mapping(ExperimentConfiguration, tree)
 
     def vehicle(self, name: str) -> VehicleConfiguration:
-        """Return the configuration of a vehicle without an experiment.
+        """Return the configuration of a vehicle that is not part of an experiment.
 
         Args:
             name: name of a file in ``vehicles/``, a path that ends in ``.yaml``, or a folder that

@@ -346,7 +346,7 @@ def rate(rest: Remainder, layout: Layout, found: Doubles) -> Doubles:
 def scatter(
     rest: Remainder, layout: Layout, displacement: float, limits: tuple[float, float]
 ) -> float:
-    """Return the variance of a displacement due to rivals of similar likelihood [px^2].
+    """Return the variance [px^2] of a displacement due to rivals, which are similarly likely.
 
     The rivals are zero displacement, and displacements that differ from the given one by 1 px to
     `APART` px. In each direction, the search for rivals ends at the first displacement that is too
