@@ -119,13 +119,13 @@ def _advance(constants: BankConstants, memory: BankMemory, target_ns: int) -> No
     while record.horizon_ns < target_ns and memory.newest[1] != memory.newest[0]:
         row = (memory.newest[1] + 1) % bank.READINGS
         reading, stamp_ns = memory.rows[row], memory.stamps[row]
-        braking, force = reading[bank.ROW_PEDAL] > 0.0, _force(reading)
+        pedal, force = reading[bank.ROW_PEDAL], _force(reading)
         until_ns = min(stamp_ns, target_ns)
         dt, rate = (until_ns - record.horizon_ns) * 1e-9, reading[bank.ROW_IMU]
         if stamp_ns > target_ns:  # the time of the twist is between two readings
             share = (until_ns - record.horizon_ns) / (stamp_ns - record.horizon_ns)
             rate = record.gyro + share * (rate - record.gyro)
-        predict(constants, memory, dt, force, braking)
+        predict(constants, memory, dt, force, pedal > 0.0)
         record.horizon_ns = until_ns
         turns = math.isfinite(rate)
         record.inertial = turns and force[0]
@@ -136,11 +136,11 @@ def _advance(constants: BankConstants, memory: BankMemory, target_ns: int) -> No
             return
         memory.newest[1] = row
         record.gyro = reading[bank.ROW_IMU]
-        record.braked = record.braked + dt if braking else 0.0
+        record.braked = record.braked + dt if pedal > 0.0 else 0.0
         push = math.hypot(force[1], force[2]) if force[0] else math.nan
         enable, speeds = reading[wheels:], reading[bank.ROW_WHEELS : wheels]
-        measurement.fuse_wheels(constants, memory, dt, braking, enable, speeds, push)
-        measurement.weigh_braking(constants, memory, stamp_ns, reading[bank.ROW_PEDAL])
+        measurement.fuse_wheels(constants, memory, dt, pedal, enable, speeds, push)
+        measurement.weigh_braking(constants, memory, stamp_ns, pedal)
 
 
 @lean

@@ -52,6 +52,7 @@ class _Wheel(NamedTuple):
         excess: amount by which the rim can exceed its rolling speed while the tire springs back
             after the brake has been released [m/s].
         span: width of the range of readings of a faulty encoder [m/s].
+        limit: largest slip of the wheel, as a share of the rim's speed in rolling [1].
     """
 
     rolls: float
@@ -60,6 +61,7 @@ class _Wheel(NamedTuple):
     variance: float
     excess: float
     span: float
+    limit: float
 
 
 @lean
@@ -215,7 +217,7 @@ def fuse_wheels(
     constants: BankConstants,
     memory: BankMemory,
     dt: float,
-    braking: bool,
+    pedal: float,
     enable: FloatArray,
     speeds: FloatArray,
     push: float,
@@ -225,19 +227,20 @@ def fuse_wheels(
     A reading is modeled as a mixture of four cases: the wheel rolls; the wheel slides; the wheel is
     locked, which is possible only while the vehicle brakes; or the encoder is faulty. The rim of a
     sliding wheel moves at most as fast as in rolling, or slightly faster while the tire springs
-    back after a release. Each hypothesis assumes that at most one encoder is faulty.
+    back after a release. Its lowest speed follows from its largest slip. Each hypothesis assumes
+    that at most one encoder is faulty.
 
     Args:
         constants: constants of the vehicle.
         memory: memory of the bank, changed in place.
         dt: length of the step [s].
-        braking: whether the pedal is down; only then can a wheel be locked.
+        pedal: the driver's brake demand, 0 to 1; only if it is not 0 can a wheel be locked.
         enable: brake enables [1], shape (N,).
         speeds: wheel speeds [rad/s], shape (N,).
         push: magnitude of the specific force, NaN without an IMU [m/s^2].
     """
     slip = _slip(constants, memory, push)
-    released, rolling = False, False
+    released, rolling, braking = False, False, pedal > 0.0
     speed = math.hypot(memory.record[0].twist_x, memory.record[0].twist_y)
     span = _SPEED_RANGE + _SPEED_SHARE * speed
     # Without an estimate, encoders are as probably faulty as under the best hypothesis.
@@ -247,8 +250,8 @@ def fuse_wheels(
         change = rim - memory.rim[i]
         memory.rim[i] = rim
         memory.wheel_ratio[i] = math.nan
-        held = braking and enable[i] > bank.RELEASED
-        memory.released[i] = 0.0 if held else memory.released[i] + dt
+        load = pedal * enable[i] if enable[i] > bank.RELEASED else 0.0
+        memory.released[i] = 0.0 if load > 0.0 else memory.released[i] + dt
         if math.isnan(rim):
             continue
         acts = not braking or memory.released[i] < constants.spin_up
@@ -258,14 +261,14 @@ def fuse_wheels(
         elif not memory.gained[i]:
             memory.mark[i] = min(memory.mark[i], abs(rim))
         memory.idle[i] += dt
-        wheel = _mixture(constants, memory, i, (dt, braking, held), (change, slip, span))
+        wheel = _mixture(constants, memory, i, (dt, braking, load), (change, slip, span))
         faulty, weight = memory.faulty[best, i], constants.wheel_weight
         likelihood = (1.0 - faulty) * (wheel.locked + 1.0 / span) ** weight
         memory.evidence[bank.NO_ESTIMATE] += math.log(likelihood + faulty / span**weight)
         for k in range(bank.FILTERS):
             possible = _fuse_wheel(constants, memory, i, k, wheel)
             _update_encoder(constants, memory.faulty[k], i, possible * span)
-        released = released or not held
+        released = released or load == 0.0
         rolling = rolling or math.isfinite(memory.wheel_ratio[i])
     record = memory.record[0]
     record.unsupported += dt if braking and released else 0.0
@@ -296,27 +299,28 @@ def _mixture(
     constants: BankConstants,
     memory: BankMemory,
     i: int,
-    step: tuple[float, bool, bool],
+    step: tuple[float, bool, float],
     speeds: tuple[float, float, float],
 ) -> _Wheel:
     """Return the model of wheel `i` in this step.
 
     Args:
         constants: constants of the vehicle.
-        memory: memory of the bank.
+        memory: memory of the bank, changed in place.
         i: index of the wheel.
-        step: length of the step [s], whether the pedal is down, and whether the brake of this wheel
-            acts.
+        step: length of the step [s], whether the pedal is down, and brake command of this wheel as
+            a share of the largest torque, 0 while its brake is released [1].
         speeds: change of the speed of the rim since the last step, standard deviation of the slip
             of driven wheels, and width of the range of readings of a faulty encoder [m/s].
     """
-    (dt, braking, held), (change, slip, span) = step, speeds
+    (dt, braking, load), (change, slip, span) = step, speeds
     own = bank.WHEEL**2 + slip**2 + (16.0 * change**2 if math.isfinite(change) else 0.0)
     rolls, slides, excess, locked = 1.0 - bank.PRIOR, bank.PRIOR, 0.0, 0.0
     if braking:
         fresh = min(constants.rebound_time / max(memory.released[i], dt), 1.0)
         own += (constants.rebound * fresh) ** 2
-        excess = 0.0 if held else 2.0 * constants.rebound * fresh  # covers 95 % of the readings
+        # The excess covers 95 % of the readings.
+        excess = 0.0 if load > 0.0 else 2.0 * constants.rebound * fresh
         slides = stays = 0.5 * (1.0 - bank.PRIOR)  # sliding and locked are equally probable
         if memory.released[i] >= constants.spin_up:
             slides *= math.exp(-((memory.idle[i] / _IDLE) ** 2))
@@ -324,7 +328,39 @@ def _mixture(
         rolls = 1.0 - slides - stays
         locked = stays * math.exp(-0.5 * min((memory.rim[i] / bank.WHEEL) ** 2, GATE))
         locked /= math.sqrt(2.0 * math.pi) * bank.WHEEL
-    return _Wheel(rolls, slides, locked, own, excess, span)
+    limit = _largest_slip(constants, memory, i, dt, load)
+    return _Wheel(rolls, slides, locked, own, excess, span, limit)
+
+
+@lean
+def _largest_slip(
+    constants: BankConstants, memory: BankMemory, i: int, dt: float, load: float
+) -> float:
+    """Return the largest slip of a wheel, as a share of the rim's speed in rolling [1].
+
+    While a wheel keeps its slip, the torques of brake and friction are equal. If the torque of the
+    brake then falls, the slip falls at least by the same share, because friction is a concave
+    function of the slip. The torque follows the command with a lag, so it lies between the command
+    and the filtered command.
+
+    Args:
+        constants: constants of the vehicle.
+        memory: memory of the bank, changed in place.
+        i: index of the wheel.
+        dt: length of the step [s].
+        load: brake command of the wheel as a share of the largest torque, 0 while its brake is
+            released [1].
+    """
+    state, rim = memory.state[min(memory.record[0].best, bank.NO_TWIST)], abs(memory.rim[i])
+    ground = constants.n_x[i] * state[U_X] + constants.n_y[i] * state[U_Y]
+    ground = abs(ground + constants.lever[i] * state[RATE]) * (1.0 + state[SCALE])
+    if load == 0.0 or rim < _GAIN or abs(rim - memory.share[i] * ground) > _GAIN:
+        memory.share[i] = min(rim / max(ground, _GAIN), 1.0)
+        memory.torque[i] = memory.most[i] = 0.0
+    memory.torque[i] += dt / (dt + constants.spin_up) * (load - memory.torque[i])
+    memory.most[i] = max(memory.most[i], min(load, memory.torque[i]))
+    torque = max(load, memory.torque[i])
+    return (1.0 - memory.share[i]) * torque / memory.most[i] if torque < memory.most[i] else 1.0
 
 
 @lean
@@ -339,7 +375,7 @@ def _fuse_wheel(
         Likelihood of the reading if the encoder is fault-free [s/m]. The contribution of sliding to
         it is at most the likelihood of the reading with a faulty encoder.
     """
-    rolls, slides, locked, own, excess, span = wheel
+    rolls, slides, locked, own, excess, span, limit = wheel
     h, state, rim = memory.h, memory.state[k], memory.rim[i]
     n_x, n_y, lever = constants.n_x[i], constants.n_y[i], constants.lever[i]
     ground = n_x * state[U_X] + n_y * state[U_Y] + lever * state[RATE]
@@ -354,8 +390,8 @@ def _fuse_wheel(
     rolling = rolls * math.exp(-0.5 * min(squared, GATE)) / math.sqrt(2.0 * math.pi * total)
     edge = _EDGE + math.sqrt(predicted)
     fast, turns = (ground, rim) if ground >= 0.0 else (-ground, -rim)
-    most = fast + edge + excess
-    sliding = locked + (slides / (most + edge) if -edge <= turns <= most else 0.0)
+    least, most = fast * (1.0 - limit) - edge, fast + edge + excess
+    sliding = locked + (slides / (most - least) if least <= turns <= most else 0.0)
     possible, weight = rolling + sliding, constants.wheel_weight
     faulty = memory.faulty[k, i]
     for other in memory.faulty[k]:

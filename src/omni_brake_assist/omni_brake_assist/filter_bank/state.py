@@ -183,6 +183,12 @@ class BankMemory(NamedTuple):
             there has been no gain.
         idle: time for which the rim of each released wheel has not gained speed [s], shape (N,).
         gained: whether the rim of each wheel has gained speed since its release, shape (N,).
+        share: speed of each braked rim while its slip is constant, as a share of its speed in
+            rolling [1], shape (N,).
+        torque: filtered command of each brake since the slip is constant, as a share of the largest
+            torque [1], shape (N,).
+        most: largest torque of each brake since the slip is constant, as a share of the largest
+            possible torque [1], shape (N,).
         faulty: probability under each hypothesis that the encoder of a wheel is faulty [1],
             shape (6, N); 0 under NO_ESTIMATE.
         wheel_ratio: test ratio of each wheel, NaN while it slides [1], shape (N,).
@@ -210,6 +216,9 @@ class BankMemory(NamedTuple):
     mark: FloatArray
     idle: FloatArray
     gained: NDArray[np.bool_]
+    share: FloatArray
+    torque: FloatArray
+    most: FloatArray
     faulty: FloatArray
     wheel_ratio: FloatArray
     ratio: FloatArray
@@ -269,6 +278,9 @@ def bank_memory(wheels: int) -> BankMemory:
         np.zeros(wheels),
         np.zeros(wheels),
         np.zeros(wheels, np.bool_),
+        np.zeros(wheels),
+        np.zeros(wheels),
+        np.zeros(wheels),
         np.zeros((HYPOTHESES, wheels)),
         np.full(wheels, np.nan),
         np.zeros(2),
@@ -300,7 +312,7 @@ def begin(constants: BankConstants, memory: BankMemory, now_ns: int, twist: Twis
     memory.newest[1] = memory.newest[0]
     memory.released[:] = 0.0
     memory.rim[:] = math.nan
-    memory.idle[:] = memory.mark[:] = 0.0
+    memory.idle[:] = memory.mark[:] = memory.torque[:] = memory.most[:] = 0.0
     memory.faulty[:FILTERS] = PRIOR
     memory.gained[:] = False
     memory.loss[:] = 0.0

@@ -27,10 +27,10 @@ PEDAL, START, BRAKE = 50, 8.0, 4.0  # step; [m/s], [m/s^2]
 def isolated_encoder(
     mounts: dict[str, WheelMount],
     speed: Callable[[float, float], float],
-    released: bool,
+    enable: float,
     *,
     seconds: float = 1.0,
-    release: float = 0.0,
+    change: float = 0.0,
     brake: BrakeConfiguration = DIRECT,
 ) -> bool:
     """Brake from 8 m/s with 4 m/s^2; return whether the first encoder is isolated at the end.
@@ -38,9 +38,9 @@ def isolated_encoder(
     Args:
         mounts: mounts of four wheels.
         speed: speed of the first wheel [rad/s] as a function of time [s] and rolling speed [rad/s].
-        released: whether the brake of this wheel is released.
+        enable: brake command of this wheel from the time `change` on; before, it is 1.
         seconds: time for which the pedal is down [s].
-        release: time of the release [s].
+        change: time at which the brake command of the first wheel changes [s].
         brake: brake of each wheel.
     """
     configuration = BrakeAssistConfiguration(wheels=mounts, brake=brake)
@@ -59,7 +59,7 @@ def isolated_encoder(
             (k + PEDAL) * PERIOD_NS,
             Readings(
                 1.0 if braking else 0.0,
-                np.array([float(not released or time < release), 1.0, 1.0, 1.0]),
+                np.array([enable if time >= change else 1.0, 1.0, 1.0, 1.0]),
                 np.array([0.0, -BRAKE if k > 0 else 0.0, 0.0]),
                 speeds,
             ),
@@ -78,39 +78,39 @@ def isolated_encoder(
     within=0.3,
 )
 @pytest.mark.parametrize(
-    ("speed", "released"),
+    ("speed", "enable"),
     [
-        (lambda _t, _rolling: 0.0, True),
-        (lambda _t, rolling: rolling - 6.0, True),
-        (lambda _t, _rolling: 20.0, True),
-        (lambda t, _rolling: 8.0 - 4.0 * math.cos(80.0 * t), True),  # slows down after a gain
-        (lambda _t, rolling: -rolling, False),
-        (lambda _t, rolling: rolling + 6.0, False),
+        (lambda _t, _rolling: 0.0, 0.0),
+        (lambda _t, rolling: rolling - 6.0, 0.0),
+        (lambda _t, _rolling: 20.0, 0.0),
+        (lambda t, _rolling: 8.0 - 4.0 * math.cos(80.0 * t), 0.0),  # slows down after a gain
+        (lambda _t, rolling: -rolling, 1.0),
+        (lambda _t, rolling: rolling + 6.0, 1.0),
     ],
 )
 def test_an_impossible_wheel_speed_is_isolated(
     mecanum: dict[str, WheelMount],
     speed: Callable[[float, float], float],
-    released: bool,
+    enable: float,
     within: float,
 ) -> None:
-    assert isolated_encoder(mecanum, speed, released, seconds=within)
+    assert isolated_encoder(mecanum, speed, enable, seconds=within)
 
 
 @pytest.mark.parametrize(
-    ("speed", "released"),
+    ("speed", "enable"),
     [
-        (lambda _t, _rolling: 0.0, False),  # locked
-        (lambda _t, rolling: rolling, False),  # no brake, or a weak one
-        (lambda t, rolling: min(3.0 + 12.0 * t, rolling), True),  # gains, on ice of 0.02
-        (lambda t, rolling: min(8.0 + 60.0 * abs(t - 0.1), rolling), True),  # the brake acts late
-        (lambda t, rolling: rolling + (1.2 if t < 0.15 else 0.0), True),  # the tire springs back
+        (lambda _t, _rolling: 0.0, 1.0),  # locked
+        (lambda _t, rolling: rolling, 1.0),  # no brake, or a weak one
+        (lambda t, rolling: min(3.0 + 12.0 * t, rolling), 0.0),  # gains, on ice of 0.02
+        (lambda t, rolling: min(8.0 + 60.0 * abs(t - 0.1), rolling), 0.0),  # the brake acts late
+        (lambda t, rolling: rolling + (1.2 if t < 0.15 else 0.0), 0.0),  # the tire springs back
     ],
 )
 def test_a_possible_wheel_speed_is_used(
-    mecanum: dict[str, WheelMount], speed: Callable[[float, float], float], released: bool
+    mecanum: dict[str, WheelMount], speed: Callable[[float, float], float], enable: float
 ) -> None:
-    assert not isolated_encoder(mecanum, speed, released)
+    assert not isolated_encoder(mecanum, speed, enable)
 
 
 def test_a_wheel_whose_brake_releases_late_is_no_faulty_encoder(
@@ -119,5 +119,15 @@ def test_a_wheel_whose_brake_releases_late_is_no_faulty_encoder(
     brake = BrakeConfiguration(dead_time=0.06, release_time=0.2)
 
     assert not isolated_encoder(
-        mecanum, lambda _t, _rolling: 0.0, True, seconds=0.3, release=0.1, brake=brake
+        mecanum, lambda _t, _rolling: 0.0, 0.0, seconds=0.3, change=0.1, brake=brake
     )
+
+
+@pytest.mark.parametrize(("slip", "isolated"), [(0.25, True), (0.1, False)])
+def test_the_slip_of_a_wheel_falls_at_least_as_much_as_its_brake_torque(
+    mecanum: dict[str, WheelMount], slip: float, isolated: bool
+) -> None:
+    def speed(time: float, rolling: float) -> float:
+        return (0.75 if time < 0.2 else 1.0 - slip) * rolling
+
+    assert isolated_encoder(mecanum, speed, 0.4, seconds=0.6, change=0.2) is isolated
