@@ -346,7 +346,7 @@ def _unknown_key(name: str, known: Mapping[str, Any]) -> str:
 
 
 def _convert(value: Any, kind: Any, key: str) -> Any:
-    """Convert a YAML value to the type of a field; reject a value of another type."""
+    """Convert a YAML value to the type of a field if possible; `_check_value` checks the rest."""
     if is_configuration(kind):
         return from_mapping(kind, value, key)
     element = element_configuration(kind)

@@ -30,7 +30,7 @@ IMU_DRAWS = 3
 class ImuConfiguration(Configuration):
     """Mounting and errors of the IMU; the defaults describe a good MEMS unit.
 
-    The errors are limited to the largest usual ranges of such units, 2000 deg/s and 16 g.
+    No error may exceed the largest usual measuring ranges of such units, 2000 deg/s and 16 g.
     """
 
     enabled: bool = parameter(True)

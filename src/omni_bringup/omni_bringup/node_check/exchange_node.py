@@ -113,9 +113,9 @@ class Exchange:
         self._last = 0  # send time of the last input on this clock [ns]
 
     def keep(self, data: bytes, info: Mapping[str, int]) -> None:
-        """Store an answer of the tested node, with its age and silence.
+        """Store an answer of the tested node, with `age` and `silence` as defined in `Answer`.
 
-        Age and silence are computed from the time of publication, because the time of reception
+        Both are computed from the time of publication, because the time of reception
         depends on how long the answer waits in this process.
 
         Args:

@@ -124,7 +124,9 @@ class RollerGeometry:
         return np.array([math.cos(self.alpha), math.sin(self.alpha), 0.0])
 
     def roller_angle(self, wheel_angle: ArrayLike) -> FloatArray:
-        """Return the angle ``gamma`` of the roller on the ground, in [-pi/n, pi/n) [rad].
+        """Return the wheel angle ``gamma`` from the lowest position of the roller on the ground.
+
+        The angle is in [-pi/n, pi/n) for n rollers [rad].
 
         Args:
             wheel_angle: angle of the wheel, zero with roller 0 at the ground [rad], any shape.

@@ -1,11 +1,12 @@
-"""Comparison of velocity estimators for a line camera, also with an optical-flow patch.
+"""Comparison of velocity estimators for a line camera and for an optical-flow sensor.
 
 A camera with 1024 px and 2500 lines/s records batches of 10 ms. Both methods of the odometry
 (parameter ``odometry.method``) process the same lines, with and without camera faults. With OpenCV
 (``requirements/opencv.lock``), two alternatives measure the same motion: phase correlation of
-consecutive lines, and phase correlation followed by Lucas-Kanade on an optical-flow patch of 64 x
-64 px with the same number of pixels per second. All errors are errors of the velocity along the
-camera's axis. The Cramer-Rao bound is valid for a batch in motion along the axis.
+consecutive lines of the camera, and an optical-flow sensor with images of 64 x 64 px and the same
+number of pixels per second. Its images are evaluated by phase correlation and then by
+Lucas-Kanade. All errors are errors of the velocity along the camera's axis. The Cramer-Rao bound is
+valid for a batch in motion along the axis.
 """
 
 from __future__ import annotations

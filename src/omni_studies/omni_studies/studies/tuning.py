@@ -224,8 +224,8 @@ class Cost(NamedTuple):
         lag: lag of the brakes.
         dwell_time: minimum dwell time of the valves [s].
         rotation: smallest worst-case rotation of all settings [deg].
-        distance: stopping distance at half the rotation of the unassisted stop [m]; NaN if no
-            setting halves this rotation.
+        distance: stopping distance at half the worst rotation of the unassisted stops [m]; NaN if
+            no setting halves this rotation.
     """
 
     lag: BrakeLag

@@ -197,15 +197,15 @@ class LimitVehicle:
         """Return a lower estimate of `strongest` [m/s^2] for a stop that may include rotation.
 
         Every wheel exerts its largest force against the direction. The loads are computed by
-        iteration, and the forces are then scaled down to the friction limit. If a wheel is about to
-        lift off, the linear program is solved instead.
+        iteration. Forces that slightly exceed the friction limit are then scaled down to it. If
+        they exceed it by more, a wheel is about to lift off, and the linear program is solved
+        instead. The result is 0 if this program has no solution.
 
         Args:
             direction: direction of motion in the body frame, unit vector, shape (2,).
             case: conditions of the stop.
             iterations: number of iterations of the loads.
-            nearly: factor by which forces may exceed the friction limit before they are scaled down
-                [1].
+            nearly: largest ratio of force to friction limit that is corrected by scaling [1].
         """
         along = self.active @ direction
         torque = case.torque * self.torque_force

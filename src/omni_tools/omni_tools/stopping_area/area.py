@@ -13,8 +13,9 @@ probability of at least `coverage`, with a `confidence` of 1 - coverage^n.
 
 For each stop, random values are drawn for speed, direction and yaw rate within the cell, for mass
 and position of the load, and for friction. For the stops that determine the areas, two of three
-values are at the ends of these ranges, where distance and rotation are largest. Half of the
-held-out stops are drawn in the same way, the other half uniformly.
+values are at one of the ends of their range, because the longest distances and largest rotations
+occur at such values. Half of the held-out stops are drawn in the same way, the other half
+uniformly.
 """
 
 import dataclasses
