@@ -10,7 +10,7 @@ same way. For a given displacement, the posterior of the pattern is Gaussian at 
 Earlier batches and the present one are weighted by their information. The prior variance is the
 power of the estimated pattern (empirical Bayes), so a camera without dirt loses little information.
 Before candidates for the displacement are compared, the posterior mean of the pattern is subtracted
-from the lines. This mean is shrunk towards zero at frequencies where it consists mostly of errors.
+from the lines. This mean is shrunk toward zero at frequencies where it consists mostly of errors.
 
 In shapes, m is the number of lines, and F the number of spatial frequencies.
 """

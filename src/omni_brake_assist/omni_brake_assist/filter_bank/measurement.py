@@ -340,7 +340,7 @@ def _largest_slip(
 
     While a wheel keeps its slip, the torques of brake and friction are equal. If the torque of the
     brake then falls, the slip falls at least by the same share, because friction is a concave
-    function of the slip. The torque follows the command with a lag, so it lies between the command
+    function of the slip. The torque follows the command with a lag, so it is between the command
     and the filtered command.
 
     Args:
