@@ -279,9 +279,15 @@ def otos(bus: int = 3) -> flow_chips.FlowChip:
     return open_chip(FlowChipConfiguration(chip="otos", i2c_bus=bus))
 
 
+def sampled(chip: flow_chips.FlowChip) -> flow_chips.FlowSample:
+    sample = chip.read(0.0)
+    assert sample is not None
+    return sample
+
+
 def test_each_otos_has_its_own_bus(board: I2cOtos) -> None:
     board.velocity = (0.3, 0.0, 0.0)
-    assert otos(3).read(0.0).velocity[0] == pytest.approx(0.3, abs=2e-3)
+    assert sampled(otos(3)).velocity[0] == pytest.approx(0.3, abs=2e-3)
     with pytest.raises(FlowChipError, match="I2C bus 1 cannot be opened"):
         otos(1)
 
@@ -292,7 +298,7 @@ def test_an_otos_reports_in_its_own_axes_whatever_its_heading(
 ) -> None:
     chip = otos()
     board.heading, board.velocity = heading, (1.2, -0.4, 0.8)
-    sample = chip.read(0.0)
+    sample = sampled(chip)
     np.testing.assert_allclose(sample.velocity, board.velocity, atol=2e-3)
     assert np.all(sample.deviation > 0.0)
 
@@ -300,7 +306,7 @@ def test_an_otos_reports_in_its_own_axes_whatever_its_heading(
 def test_an_otos_that_warns_or_fails_measures_nothing(board: I2cOtos) -> None:
     chip = otos()
     board.status = 0x02
-    assert "poor tracking" in chip.read(0.0).problem
+    assert "poor tracking" in sampled(chip).problem
     board.status = 0x80
     with pytest.raises(FlowChipError, match="failure"):
         chip.read(0.0)
