@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from omni_platform.geometry import turned
-from omni_platform.quantities import FloatArray, IntArray
+from omni_platform.quantities import BoolArray, FloatArray, IntArray
 from omni_platform.signals import UNMEASURED_VARIANCE
 
 PER_WHEEL = "per wheel"
@@ -160,7 +160,7 @@ class RunHistory:
         return np.asarray(self.stamp_ns * 1e-9, dtype=np.float64)
 
     @property
-    def measured(self) -> NDArray[np.bool_]:
+    def measured(self) -> BoolArray:
         """Whether the odometry measured all three components of the twist, shape (T,)."""
         return np.asarray(np.all(np.isfinite(self.estimate), axis=1))
 

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omni_platform.kernels import lean
-from omni_platform.quantities import SECOND_NS
+from omni_platform.quantities import SECOND_NS, FloatArray
 from omni_sim.configuration import SimulationConfiguration, SimulatorConfiguration
 from omni_sim.simulator import Observation
 
@@ -48,7 +48,7 @@ def rest_memory() -> NDArray[np.void]:
 
 
 @lean
-def largest_speed(twist: NDArray[np.float64]) -> float:
+def largest_speed(twist: FloatArray) -> float:
     """Return the largest speed among all points at a distance of 1 m from base_link [m/s].
 
     Args:

@@ -42,8 +42,8 @@ class FlowSensorNode(Node):
         self._configuration = declare_configuration(self, flow_chips.FlowChipConfiguration)
         node = declare_configuration(self, FlowNodeConfiguration)
         self._frame, self._retry_period = node.sensor, node.retry_period
-        of_chip = 0.25 / self._configuration.image_rate
-        of_chip = 0.01 if self._configuration.chip == flow_chips.OTOS else of_chip
+        chip = self._configuration
+        of_chip = 0.01 if chip.chip == flow_chips.OTOS else 0.25 / chip.image_rate
         self._chip: flow_chips.FlowChip | None = None
         self._attempted = -math.inf
         self._twist = advertise(self, topics.flow(node.sensor))

@@ -9,9 +9,8 @@ from numpy.typing import NDArray
 from omni_brake_assist.configuration import BrakeAssistConfiguration
 from omni_platform.geometry import PlatformGeometry
 from omni_platform.kernels import lean
-from omni_platform.quantities import FloatArray
+from omni_platform.quantities import BoolArray, FloatArray, IntArray
 
-IntArray = NDArray[np.int64]
 Record = Any
 """Reference to a record of a structured array."""
 
@@ -215,7 +214,7 @@ class BankMemory(NamedTuple):
     rim: FloatArray
     mark: FloatArray
     idle: FloatArray
-    gained: NDArray[np.bool_]
+    gained: BoolArray
     share: FloatArray
     torque: FloatArray
     most: FloatArray

@@ -47,8 +47,6 @@ _FINE = 8  # ground samples per pixel of the patch, in each direction
 _SMOOTH, _ROUNDS = 0.8, 5  # Lucas-Kanade: standard deviation of the Gaussian [px], iterations
 _SPANNED = 24.0  # limit on the displacement up to which first and last frame are compared [px]
 
-Frame = Float32Array
-
 
 class Scene(NamedTuple):
     """A line camera, the ground, and the pose of the platform (x, y [m], yaw [rad])."""
@@ -190,7 +188,7 @@ def _patch(cv2: Any, scene: Scene, twist: FloatArray) -> float:
     return shift * _FRAME_RATE * _EYE.length / _PIXELS
 
 
-def _moved(cv2: Any, old: Frame, new: Frame) -> float:
+def _moved(cv2: Any, old: Float32Array, new: Float32Array) -> float:
     """Return the displacement along the axis between two frames [px].
 
     A phase correlation gives the displacement, and the method of Lucas and Kanade refines it.
@@ -214,7 +212,7 @@ def _moved(cv2: Any, old: Frame, new: Frame) -> float:
 
 def _frame(
     cv2: Any, texture: GroundTexture, pose: FloatArray, generator: np.random.Generator
-) -> Frame:
+) -> Float32Array:
     """Return the noisy picture that an optical-flow patch takes at a pose.
 
     Args:
