@@ -18,8 +18,6 @@ from omni_platform.configuration import Configuration, declared_parameters, with
 
 MOST_MODULES = 15  # side by side in a folder, apart from what makes a node of a package
 PLUG_INS = {"omni_studies/studies", "omni_bringup/commands"}  # a file each, found by its name
-# Folders that import each other.
-FOLDER_CIRCLES = {"omni_sim.tire": {"omni_sim.tire.models"}}
 # Packages whose modules may use ROS, in addition to the nodes.
 OF_ROS = {"omni_ros", "omni_recording", "omni_bringup"}
 OF_LAUNCH = {"omni_bringup.launching"}  # needs the launch package, which not every machine has
@@ -106,9 +104,7 @@ def test_folders_inside_a_package_do_not_run_in_circles(imports: dict[str, set[s
     uses: dict[str, set[str]] = {unit(name): set() for name in MODULES}
     for name, names in imports.items():
         uses[unit(name)] |= {unit(other) for other in names & MODULES.keys()} - {unit(name)}
-    assert_no_circle({name: used - FOLDER_CIRCLES.get(name, set()) for name, used in uses.items()})
-    for name, used in FOLDER_CIRCLES.items():
-        assert used <= uses[name], f"{name}: this circle is gone, take it out of the list"
+    assert_no_circle(uses)
 
 
 def unit(name: str) -> str:

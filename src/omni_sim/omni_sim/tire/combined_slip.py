@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike
 
 from omni_platform.kernels import lean
 from omni_platform.quantities import FloatArray, Pair
-from omni_sim.tire.model import flat_together
+from omni_sim.tire.interface.model import flat_together
 from omni_sim.tire.models import tmeasy
 from omni_sim.tire.models.tmeasy import CurvePoint, TMeasyParameters
 

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from omni_platform.configuration import Configuration, parameter, section
 from omni_platform.kernels import lean
 from omni_platform.quantities import FloatArray
-from omni_sim.tire.model import Curve, TireModel, curve_at, flat_together, force_at
+from omni_sim.tire.interface.model import Curve, TireModel, curve_at, flat_together, force_at
 from omni_sim.tire.models import MODELS
 
 # One field for each model in the folder.

@@ -26,7 +26,7 @@ import math
 from omni_platform.kernels import lean, lean_inline, linked
 from omni_platform.quantities import FloatArray, Pair, Triple
 from omni_sim.ground.friction import friction_at
-from omni_sim.tire.model import curve_at
+from omni_sim.tire.interface.model import curve_at
 from omni_sim.vehicle import state as layout
 from omni_sim.vehicle.loads import GRAVITY, wheel_loads
 from omni_sim.vehicle.roller_dynamics import displace_contacts, roller_energies, step_roller_wheel

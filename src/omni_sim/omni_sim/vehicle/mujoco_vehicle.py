@@ -29,7 +29,7 @@ from omni_platform.kinematics import PlatformKinematics
 from omni_platform.quantities import FloatArray
 from omni_sim.ground.elevation import ElevationConfiguration
 from omni_sim.ground.friction import FrictionMap, friction_at
-from omni_sim.tire.model import curve_at
+from omni_sim.tire.interface.model import curve_at
 from omni_sim.vehicle import state as layout
 from omni_sim.vehicle.configuration import VehicleConfiguration
 from omni_sim.vehicle.dynamics import in_turned_frame

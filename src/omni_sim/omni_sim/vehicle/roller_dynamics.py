@@ -13,7 +13,7 @@ from typing import NamedTuple
 from omni_platform.kernels import lean, lean_inline
 from omni_platform.quantities import Pair
 from omni_sim.ground.friction import friction_at
-from omni_sim.tire.model import curve_at
+from omni_sim.tire.interface.model import curve_at
 from omni_sim.vehicle.state import Plant, Record, Rollers, Step, Structured
 from omni_sim.wheel.drivetrain import Drive, Spin
 from omni_sim.wheel.roller import RollerHub, RollerPatch, RollerStep, load_share, roller_step

@@ -21,7 +21,7 @@ import math
 from typing import NamedTuple
 
 from omni_platform.kernels import lean_inline
-from omni_sim.tire.model import Curve
+from omni_sim.tire.interface.model import Curve
 from omni_sim.wheel.single import Patch, TireConstants, tire_force
 
 
@@ -172,7 +172,7 @@ def wheel_step(
 
     Args:
         tire: constants.
-        curve: curve of any tire model, from `tire.model.curve_at`.
+        curve: curve of any tire model, from `tire.interface.model.curve_at`.
         patch: contact patch of the tire at the start of the step.
         hub: relation of force and motion.
         spin: spin of the wheel at the start of the step.

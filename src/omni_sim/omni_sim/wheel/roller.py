@@ -159,7 +159,7 @@ def roller_step(
 
     Args:
         tire: constants of the roller's tread.
-        curves: curves along the roller's axis and across it, from `tire.model.curve_at`.
+        curves: curves along the roller's axis and across it, from `tire.interface.model.curve_at`.
         patch: patch of the roller at the start of the step.
         hub: relation of force and motion.
         wheel: spin of the wheel at the start of the step.

@@ -18,7 +18,7 @@ per N] is the mobility of wheel and vehicle. The equation becomes ``|A| = D w + 
 with ``kappa = 1 + D m``. With this equation, the step of a wheel is stable and passive for any
 stiffness and inertia. Because friction falls beyond its peak, two solutions may exist near
 standstill. The patch then keeps its state, adhering or sliding (`sliding`). Each tire model solves
-the equation for its own curve (`tire.model.contact_friction`). Unlike in the dissertation,
+the equation for its own curve (`tire.interface.model`). Unlike in the dissertation,
 ``v_num`` may be very small. A locked wheel then sticks or slides as with Coulomb friction, but does
 not creep.
 """
@@ -26,7 +26,7 @@ not creep.
 from typing import NamedTuple
 
 from omni_platform.kernels import lean_inline
-from omni_sim.tire.model import Curve, contact_friction
+from omni_sim.tire.interface.model import Curve, contact_friction
 
 
 class TireConstants(NamedTuple):
@@ -65,7 +65,7 @@ def tire_force(
 
     Args:
         tire: constants.
-        curve: curve of any tire model, from `tire.model.curve_at`.
+        curve: curve of any tire model, from `tire.interface.model.curve_at`.
         patch: patch at the start of the step.
         free_velocity: sliding velocity of the rim at the end of the step without the tire's
             force, ``v_free`` [m/s].

@@ -24,7 +24,7 @@ from omni_platform.configuration import ConfigurationError
 from omni_platform.geometry import cross, turned
 from omni_platform.kinematics import PlatformKinematics
 from omni_platform.quantities import FloatArray
-from omni_sim.tire.model import curve_at
+from omni_sim.tire.interface.model import curve_at
 from omni_sim.vehicle.configuration import VehicleConfiguration
 from omni_sim.vehicle.loads import GRAVITY, MassProperties, load_plane
 from omni_tools.limit import bounds, forces

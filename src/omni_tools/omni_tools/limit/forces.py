@@ -25,7 +25,7 @@ import numpy as np
 from omni_platform.geometry import cross
 from omni_platform.kinematics import PlatformKinematics
 from omni_platform.quantities import BoolArray, FloatArray
-from omni_sim.tire.model import curve_at
+from omni_sim.tire.interface.model import curve_at
 from omni_sim.vehicle import configuration, loads
 
 _TANGENTS = 97

@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 from omni_figures import style
 from omni_platform.configuration import ConfigurationError, WorkError, from_mapping
 from omni_platform.quantities import BoolArray, FloatArray
-from omni_sim.tire.model import LARGEST_FORCE, LOAD_RANGE, FitRecipe, Landmarks
+from omni_sim.tire.interface.model import LARGEST_FORCE, LOAD_RANGE, FitRecipe, Landmarks
 from omni_sim.tire.models import MODELS
 from omni_sim.tire.tire import Tire, TireConfiguration, steady_forces
 from omni_tools.tires.data import TireData, TireDataError

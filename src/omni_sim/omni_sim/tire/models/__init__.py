@@ -7,7 +7,7 @@ import importlib
 import pkgutil
 from collections.abc import Mapping
 
-from omni_sim.tire.model import TireModel, register
+from omni_sim.tire.interface.model import TireModel, register
 
 MODELS: Mapping[str, TireModel] = {
     name: register(importlib.import_module(f"{__name__}.{name}").MODEL)

@@ -14,7 +14,7 @@ import numpy as np
 from omni_platform.configuration import Configuration, parameter
 from omni_platform.kernels import lean
 from omni_platform.quantities import FloatArray
-from omni_sim.tire.model import LOAD_RANGE, FitRecipe, Landmarks, TireModel, plain_mapping
+from omni_sim.tire.interface.model import LOAD_RANGE, FitRecipe, Landmarks, TireModel, plain_mapping
 
 
 class LinearConfiguration(Configuration):
@@ -67,7 +67,7 @@ def contact(
 ) -> tuple[float, float, bool]:
     """Solve the contact equation in closed form.
 
-    Arguments and result are those of `tire.model.contact_friction`.
+    Arguments and result are those of `tire.interface.model.contact_friction`.
     """
     if curve.peak_force <= 0.0:
         return 0.0, demand / damping, False

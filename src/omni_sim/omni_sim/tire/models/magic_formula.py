@@ -24,8 +24,8 @@ import numpy as np
 from omni_platform.configuration import Configuration, ConfigurationError, parameter
 from omni_platform.kernels import lean
 from omni_platform.quantities import FloatArray
-from omni_sim.tire.contact import solve_contact
-from omni_sim.tire.model import LOAD_RANGE, FitRecipe, Landmarks, TireModel, plain_mapping
+from omni_sim.tire.interface.contact import solve_contact
+from omni_sim.tire.interface.model import LOAD_RANGE, FitRecipe, Landmarks, TireModel, plain_mapping
 
 _SHAPE_RANGE = (1.05, 1.95)
 _CURVATURE_RANGE = (-20.0, 0.95)

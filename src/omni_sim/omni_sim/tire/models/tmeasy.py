@@ -24,8 +24,8 @@ import numpy as np
 from omni_platform.configuration import Configuration, ConfigurationError, parameter, section
 from omni_platform.kernels import lean
 from omni_platform.quantities import FloatArray
-from omni_sim.tire.contact import TOLERANCE, solve_contact
-from omni_sim.tire.model import LARGEST_FORCE, LOAD_RANGE, FitRecipe, Landmarks, TireModel
+from omni_sim.tire.interface.contact import TOLERANCE, solve_contact
+from omni_sim.tire.interface.model import LARGEST_FORCE, LOAD_RANGE, FitRecipe, Landmarks, TireModel
 
 _MAXIMUM_ITERATIONS = 60
 
@@ -185,7 +185,7 @@ class CurvePoint(NamedTuple):
     """Force-slip curve at one load and friction factor; slope and forces in [N], slips in [1].
 
     ``steepest_slip`` is midway between peak and sliding, where the force falls fastest,
-    and ``steepest_fall`` is the value of ``-dF/ds`` there; see `tire.contact.solve_contact`.
+    and ``steepest_fall`` is the value of ``-dF/ds`` there; see `contact.solve_contact`.
     """
 
     slope: float
@@ -264,7 +264,7 @@ def force_at(curve: CurvePoint, slip: float) -> tuple[float, float]:
 def contact(
     demand: float, damping: float, gain: float, speed: float, curve: CurvePoint, sliding: bool
 ) -> tuple[float, float, bool]:
-    """Solve the contact equation; arguments and result as in `tire.model.contact_friction`.
+    """Solve the contact equation; arguments and result as in `model.contact_friction`.
 
     Up to the peak, the equation is a cubic in ``sigma``, the slip divided by that of the peak.
     Each iteration needs a single division, so this function is faster than `solve_contact`.

@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 
 import omni_sim
 from omni_platform.configuration import ConfigurationError, from_mapping, to_mapping
-from omni_sim.tire.model import contact_friction, curve_at, force_at
+from omni_sim.tire.interface.model import contact_friction, curve_at, force_at
 from omni_sim.tire.models import MODELS, magic_formula
 from omni_sim.tire.tire import Tire, TireConfiguration
 

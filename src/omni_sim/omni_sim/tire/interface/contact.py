@@ -10,7 +10,7 @@ solutions exist, and the contact patch keeps its state (adhering or sliding).
 from typing import Any
 
 from omni_platform.kernels import lean
-from omni_sim.tire.model import force_at
+from omni_sim.tire.interface.model import force_at
 
 TOLERANCE = 1e-13
 """Largest residual of a solution, relative to the demand."""
@@ -80,7 +80,7 @@ def _turning_point(viscous: float, gain: float, curve: Any, falling: float, risi
 def solve_contact(
     demand: float, damping: float, gain: float, speed: float, curve: Any, sliding: bool
 ) -> tuple[float, float, bool]:
-    """Solve the contact equation; for the result, see `tire.model.contact_friction`.
+    """Solve the contact equation; for the result, see `tire.interface.model.contact_friction`.
 
     Args:
         demand: ``|A|``, magnitude of the force that a sticking patch would need [N].
