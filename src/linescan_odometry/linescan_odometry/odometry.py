@@ -89,10 +89,9 @@ class LineScanOdometry:
         self._solver = TwistSolver(
             configuration.all_sensors, configuration.minimum_lever, self._axle
         )
-        self._covers = Covers(configuration.sensors) if configuration.cover_detection else None
-        self._oblique = (
-            ObliqueTextures(configuration.sensors) if configuration.cover_detection else None
-        )
+        watched = configuration.sensors if configuration.cover_detection else {}
+        self._covers = Covers(watched)
+        self._oblique = ObliqueTextures(watched)
         self._stamp_ns = 0
         self._early: list[tuple[LineBatch, Callable[[], SensorReading]]] = []
 
@@ -135,8 +134,6 @@ class LineScanOdometry:
             self._stamp_ns = max(batch.stamp_ns for batch in batches.values())
         readings = {name: self._read(name, lines.get(name)) for name in self._sensors}
         measured = {name: self._read_flow(name, flows.get(name)) for name in self._flows}
-        if self._covers is None or self._oblique is None:
-            return self._estimate(readings, measured)
         readings |= self._covers.stopped(self._stamp_ns, readings)
         estimate = self._estimate(readings, measured)
         if estimate.measured:
@@ -167,8 +164,8 @@ class LineScanOdometry:
             return SensorReading.unmeasured("no lines arrived")
         early = next((i for i, (taken, _) in enumerate(self._early) if taken is batch), None)
         begun = self._sensors[name].begin(batch) if early is None else self._early.pop(early)[1]
-        reading = begun()
         stale = self._stale(batch)
+        reading = begun()
         return SensorReading.unmeasured(stale) if stale else reading
 
     def _read_flow(self, name: str, flow: Flow | None) -> FlowReading:
@@ -194,8 +191,7 @@ class LineScanOdometry:
         while True:
             solution = self._solve(readings, flows)
             if solution is None:
-                if self._oblique is not None:
-                    readings = readings | self._oblique.unconfirmed(self._stamp_ns, readings)
+                readings = readings | self._oblique.unconfirmed(self._stamp_ns, readings)
                 covariance = measurements.UNMEASURED_VARIANCE * np.eye(3)
                 return TwistEstimate(
                     self._stamp_ns, np.zeros(3), covariance, False, readings, flows=flows
@@ -302,8 +298,6 @@ class LineScanOdometry:
             twist: twist estimated without faulty sensors, shape (3,). With a faulty twist,
                 fault-free cameras would seem occluded.
         """
-        if self._covers is None or self._oblique is None:
-            return {}
         occluded = self._covers.contradicted(readings, twist)
         return occluded or self._oblique.over_oblique_texture(self._stamp_ns, readings, twist)
 

@@ -302,6 +302,7 @@ class SensorOdometry:
         if not self._chain.joined:
             self._keyframe.reset()
         period_ns = 1e9 / self._sensor.line_rate
+        static_time = self._static_time(lines, displacement)
         age, persistence = self._keyframe.compare(
             stamp_ns,
             period_ns,
@@ -315,7 +316,7 @@ class SensorOdometry:
             inlier_share=displacement.share,
             measured=True,
             remark=self._chain.remark,
-            static_time=self._static_time(lines, displacement),
+            static_time=static_time,
             reference_age=age,
             persistence=persistence,
         )

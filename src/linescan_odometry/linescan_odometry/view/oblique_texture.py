@@ -185,10 +185,11 @@ class ObliqueTextures:
     """Detects which cameras are over an oblique texture."""
 
     def __init__(self, sensors: Mapping[str, LineSensor]) -> None:
-        """Create the detection for all cameras; no camera is over an oblique texture yet.
+        """Create the detection; no camera is over an oblique texture yet.
 
         Args:
-            sensors: cameras, keyed by name.
+            sensors: cameras to watch, keyed by name; the readings of other cameras stay as they
+                are.
         """
         self._sensors = sensors
         # Rows that convert the twist to the velocity across each camera's axis, positive to the
@@ -221,7 +222,9 @@ class ObliqueTextures:
             Rejected readings, keyed by camera name.
         """
         blind = [
-            name for name, reading in readings.items() if reading.unmatched and not reading.measured
+            name
+            for name in self._sensors
+            if readings[name].unmatched and not readings[name].measured
         ]
         if not blind:
             return {}
@@ -280,7 +283,7 @@ class ObliqueTextures:
         """
         over_oblique_texture = {}
         for name, reading in readings.items():
-            if not reading.measured:
+            if name not in self._sensors or not reading.measured:
                 continue
             across = float(self._rows[name] @ twist)
             speed = abs(across)

@@ -24,7 +24,7 @@ class Covers:
     """Detects occluded cameras by comparing the view of each camera with its motion."""
 
     def __init__(self, sensors: Mapping[str, LineSensor]) -> None:
-        """Create the detection for all cameras.
+        """Create the detection for some of the cameras, keyed by name.
 
         Until a measurement, the vehicle is assumed to be at rest, and no camera is occluded.
         """
@@ -66,7 +66,7 @@ class Covers:
         elapsed = 1e-9 * (stamp_ns - self._stamp_ns)
         dismissed = {}
         for name, reading in readings.items():
-            if reading.static_time == 0.0:
+            if name not in self._sensors or reading.static_time == 0.0:
                 self._covered.pop(name, None)
                 continue
             along, across = (float(v) for v in self._rows[name] @ self._twist)
@@ -96,10 +96,11 @@ class Covers:
         """
         farthest, covered = _STILL_SHARE, {}
         for name, reading in readings.items():
-            if not reading.measured or reading.static_time == 0.0:
+            static = reading.static_time if name in self._sensors else 0.0
+            if not reading.measured or static == 0.0:
                 continue
             across = float(self._rows[name][1] @ twist)
-            share = abs(across) * reading.static_time / self._sensors[name].width
+            share = abs(across) * static / self._sensors[name].width
             if share > farthest:
                 farthest = share
                 reason = (
