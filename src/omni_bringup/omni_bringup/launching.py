@@ -20,7 +20,7 @@ from launch_ros.actions import Node
 from rich.console import Console
 
 from omni_bringup.graph.launch_plan import ARGUMENTS, LaunchPlan, launch_plan
-from omni_figures.comparison_table import ComparisonTable
+from omni_figures.tables.comparison_table import ComparisonTable
 from omni_platform.configuration import check_choice
 from omni_ros.environment import REPORT_FILE_VARIABLE
 

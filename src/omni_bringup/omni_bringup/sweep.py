@@ -26,9 +26,9 @@ def run_sweep(options: Any, workspace: Workspace) -> Report:
         workspace: workspace with the folder `config`.
     """
     from omni_bringup.graph.run_folder import time_in_name, unused
-    from omni_figures.data_table import write_table
     from omni_figures.style import save_figure
     from omni_figures.sweep_figure import sweep_figure
+    from omni_figures.tables.data_table import write_table
     from omni_loop.experiment import short_name
     from omni_loop.metrics import results_document
     from omni_loop.sweep import sweep
@@ -97,7 +97,7 @@ def _table(runs: Sequence[SweptRun]) -> Table:
     from rich.markup import escape
     from rich.table import Table
 
-    from omni_figures.comparison_table import in_small_units, metric_label, metric_number
+    from omni_figures.tables.comparison_table import in_small_units, metric_label, metric_number
     from omni_loop.sweep import SHOWN
 
     table = Table(pad_edge=False, box=box.SIMPLE_HEAD)

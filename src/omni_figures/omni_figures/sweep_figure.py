@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from matplotlib.figure import Figure
 
 from omni_figures import style
-from omni_figures.comparison_table import in_small_units, metric_label
+from omni_figures.tables.comparison_table import in_small_units, metric_label
 from omni_loop.sweep import SHOWN, SweptRun, number
 
 

@@ -22,7 +22,8 @@ from typing import Any, Protocol
 
 from matplotlib.figure import Figure
 
-from omni_figures import data_table, style
+from omni_figures import style
+from omni_figures.tables import data_table
 from omni_loop.experiment import ExperimentLibrary
 from omni_loop.metrics import Metric, results_entry
 from omni_platform import configuration, plugins

@@ -29,8 +29,8 @@ class Options(CommandOptions):
 
 def run(options: Options, _workspace: workspace.Workspace) -> command_report.Report:
     """Compute the metrics of the recordings and return them as one table."""
-    from omni_figures.comparison_table import ComparisonTable
-    from omni_figures.data_table import write_cases
+    from omni_figures.tables.comparison_table import ComparisonTable
+    from omni_figures.tables.data_table import write_cases
     from omni_loop.metrics import results_document
     from omni_tools.report.recording import compared_runs, differing_values, run_names
 

@@ -63,7 +63,7 @@ def _text(
 ) -> Iterator[Any]:
     from rich.table import Table
 
-    from omni_figures.comparison_table import ComparisonTable
+    from omni_figures.tables.comparison_table import ComparisonTable
     from omni_tools.placement.report import column, findings
 
     sensors = Table("sensor", r"x \[m]", r"y \[m]", r"heading \[deg]", pad_edge=False)

@@ -52,7 +52,7 @@ class Options(CommandOptions):
 
 def run(options: Options, workspace: Workspace) -> Report:
     """Compute the bounds, and with ``--best`` the shortest stops."""
-    from omni_figures.comparison_table import ComparisonTable
+    from omni_figures.tables.comparison_table import ComparisonTable
     from omni_loop.metrics import Metric, results_document
     from omni_tools.limit.bounds import any_heading_bound, maneuver_of, straight_bound
 

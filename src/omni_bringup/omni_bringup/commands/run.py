@@ -193,8 +193,8 @@ def _report(
 ) -> command_report.Report:
     """Draw the figures and return the report; a user's own law is named in the titles."""
     # Imported only after the run, because the import takes about a second.
-    from omni_figures.comparison_table import ComparisonTable
     from omni_figures.run_figures import draw_run_figures
+    from omni_figures.tables.comparison_table import ComparisonTable
 
     titled: dict[str, VariantResult] = {}
     for result in results:

@@ -28,8 +28,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from omni_figures import run_figures, style
-from omni_figures.comparison_table import in_small_units, metric_label, metric_number
 from omni_figures.scene import Scene
+from omni_figures.tables.comparison_table import in_small_units, metric_label, metric_number
 from omni_loop.history import RunHistory
 from omni_platform.geometry import PlatformGeometry, turned
 from omni_platform.quantities import FloatArray

@@ -10,9 +10,9 @@ import json
 from pathlib import Path
 
 from omni_bringup.command_report import Report, entries_by_case, in_words
+from omni_bringup.commands.lines import FileOptions, camera_files
 from omni_bringup.workspace import Workspace
 from omni_platform.command_options import CommandOptions, option, overrides_option
-from omni_tools.line_files.options import FileOptions, camera_files
 
 WORK = "reading and recording lines"
 

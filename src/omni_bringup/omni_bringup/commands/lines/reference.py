@@ -14,10 +14,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from omni_bringup.command_report import Report, entries_by_case, in_words
+from omni_bringup.commands.lines import FileOptions, camera_files
 from omni_bringup.workspace import Workspace
 from omni_platform.command_options import CommandOptions, option
 from omni_platform.configuration import ConfigurationError
-from omni_tools.line_files.options import FileOptions, camera_files
 
 if TYPE_CHECKING:
     from linescan_odometry.configuration import OdometryConfiguration

@@ -8,7 +8,7 @@ import math
 import pytest
 from rich.console import Console
 
-from omni_figures.comparison_table import ComparisonTable
+from omni_figures.tables.comparison_table import ComparisonTable
 from omni_loop.metrics import Metric
 
 METRICS = {

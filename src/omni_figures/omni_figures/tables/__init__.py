@@ -1,0 +1,1 @@
+"""Tables of metrics for a terminal, and tables of data as CSV files."""
