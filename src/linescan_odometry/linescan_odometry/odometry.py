@@ -19,8 +19,7 @@ from linescan_odometry.measurements import FlowReading, SensorReading, TwistEsti
 from linescan_odometry.sensor import SensorOdometry
 from linescan_odometry.twist.flow import FlowMonitor
 from linescan_odometry.twist.least_squares import TwistSolver
-from linescan_odometry.view.oblique_texture import ObliqueTextures
-from linescan_odometry.view.occlusion import Covers
+from linescan_odometry.view.unsuitable import UnsuitableViews
 from omni_platform.configuration import ConfigurationError
 from omni_platform.quantities import FloatArray
 from omni_platform.signals import Flow, LineBatch, LineBatchError
@@ -89,9 +88,9 @@ class LineScanOdometry:
         self._solver = TwistSolver(
             configuration.all_sensors, configuration.minimum_lever, self._axle
         )
-        watched = configuration.sensors if configuration.cover_detection else {}
-        self._covers = Covers(watched)
-        self._oblique = ObliqueTextures(watched)
+        self._views = UnsuitableViews(
+            configuration.sensors if configuration.cover_detection else {}
+        )
         self._stamp_ns = 0
         self._early: list[tuple[LineBatch, Callable[[], SensorReading]]] = []
 
@@ -134,11 +133,10 @@ class LineScanOdometry:
             self._stamp_ns = max(batch.stamp_ns for batch in batches.values())
         readings = {name: self._read(name, lines.get(name)) for name in self._sensors}
         measured = {name: self._read_flow(name, flows.get(name)) for name in self._flows}
-        readings |= self._covers.stopped(self._stamp_ns, readings)
+        readings |= self._views.stopped(self._stamp_ns, readings)
         estimate = self._estimate(readings, measured)
         if estimate.measured:
-            self._covers.remember(self._stamp_ns, estimate.twist)
-            self._oblique.remember(self._stamp_ns, estimate.twist)
+            self._views.remember(self._stamp_ns, estimate.twist)
         return estimate
 
     def warm_up(self) -> None:
@@ -191,7 +189,7 @@ class LineScanOdometry:
         while True:
             solution = self._solve(readings, flows)
             if solution is None:
-                readings = readings | self._oblique.unconfirmed(self._stamp_ns, readings)
+                readings = readings | self._views.unconfirmed(self._stamp_ns, readings)
                 covariance = measurements.UNMEASURED_VARIANCE * np.eye(3)
                 return TwistEstimate(
                     self._stamp_ns, np.zeros(3), covariance, False, readings, flows=flows
@@ -209,7 +207,7 @@ class LineScanOdometry:
                     )
                 }
             else:
-                wrong = self._wrong_views(readings, solution.twist)
+                wrong = self._views.unsuitable(self._stamp_ns, readings, solution.twist)
             if not wrong:
                 return self._checked(solution, readings, flows)
             readings = readings | wrong
@@ -284,22 +282,6 @@ class LineScanOdometry:
             if rivals.any():
                 return None
         return names[worst], f"contradicts the other sensors by {score:.3g} standard deviations"
-
-    def _wrong_views(
-        self, readings: Mapping[str, SensorReading], twist: FloatArray
-    ) -> dict[str, SensorReading]:
-        """Return the readings of cameras whose view is unsuitable, marked as unmeasured.
-
-        This is the reading of one occluded camera or, if no camera is occluded, the readings of all
-        cameras over oblique textures. The result is keyed by camera name.
-
-        Args:
-            readings: readings of all cameras, keyed by name.
-            twist: twist estimated without faulty sensors, shape (3,). With a faulty twist,
-                fault-free cameras would seem occluded.
-        """
-        occluded = self._covers.contradicted(readings, twist)
-        return occluded or self._oblique.over_oblique_texture(self._stamp_ns, readings, twist)
 
     def _checked(
         self,

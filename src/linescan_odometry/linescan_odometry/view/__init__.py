@@ -1,1 +1,1 @@
-"""Detection of occluded cameras, and of oblique textures in the view of a camera."""
+"""Detection of cameras that are occluded or over an oblique texture."""

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d, uniform_filter1d
 
 from linescan_odometry.measurements import SensorReading
-from linescan_odometry.view.oblique_texture import Keyframe, ObliqueTextures
+from linescan_odometry.view.keyframe import Keyframe
+from linescan_odometry.view.unsuitable import UnsuitableViews
 from omni_platform.sensors import LineSensor
 
 PIXELS, BATCH, RATE = 256, 25, 2500.0
@@ -41,7 +42,7 @@ def stripes(row: NDArray[np.int64]) -> NDArray[np.float64]:
 
 def readings_over(ground: Ground, way: NDArray[np.float64]) -> Iterator[SensorReading]:
     """Yield the reading of each batch along a path across the axis [m], one position per line."""
-    keyframe, oblique = Keyframe(PIXELS), ObliqueTextures({"eye": CAMERA})
+    keyframe, views = Keyframe(PIXELS), UnsuitableViews({"eye": CAMERA})
     noise = np.random.default_rng(6)
     seen = ground(np.rint(way / LINE_PITCH).astype(np.int64))
     seen = np.array([np.roll(line, -SHIFT * k) for k, line in enumerate(seen)])
@@ -55,8 +56,8 @@ def readings_over(ground: Ground, way: NDArray[np.float64]) -> Iterator[SensorRe
             SensorReading(0.0, 1e-6, 1.0, 1.0, True), reference_age=age, persistence=persistence
         )
         twist = np.array([0.0, (way[end] - way[end - BATCH]) * RATE / BATCH, 0.0])
-        oblique.remember(stamp_ns, twist)
-        yield oblique.over_oblique_texture(stamp_ns, {"eye": reading}, twist).get("eye", reading)
+        views.remember(stamp_ns, twist)
+        yield views.unsuitable(stamp_ns, {"eye": reading}, twist).get("eye", reading)
 
 
 def steady(speed: float, batches: int = 12) -> NDArray[np.float64]:
@@ -89,15 +90,15 @@ def test_a_camera_over_an_oblique_texture_leaves_the_others_unconfirmed() -> Non
     rejected = list(readings_over(stripes, steady(3.0)))[-1]
     assert not rejected.measured
     other = SensorReading(1.0, 1e-6, 1.0, 1.0, True)
-    oblique = ObliqueTextures({"eye": CAMERA, "other": CAMERA})
-    result = oblique.unconfirmed(0, {"eye": rejected, "other": other})
+    views = UnsuitableViews({"eye": CAMERA, "other": CAMERA})
+    result = views.unconfirmed(0, {"eye": rejected, "other": other})
     assert list(result) == ["other"]
     assert "no match for eye" in result["other"].reason
     # A camera without texture gives no information about the ground.
-    assert not oblique.unconfirmed(0, {"eye": SensorReading.unmeasured("dark"), "other": other})
+    assert not views.unconfirmed(0, {"eye": SensorReading.unmeasured("dark"), "other": other})
     later = {"eye": rejected, "other": other}
-    oblique.remember(10**9 - 10_000_000, np.zeros(3))
-    assert set(oblique.unconfirmed(10**9, later)) == {"other"}  # a single twist may be accidental
-    oblique.remember(10**9, np.zeros(3))
-    assert not oblique.unconfirmed(10**9 + 10_000_000, later)
-    assert set(oblique.unconfirmed(10**9 + 60_000_000, later)) == {"other"}
+    views.remember(10**9 - 10_000_000, np.zeros(3))
+    assert set(views.unconfirmed(10**9, later)) == {"other"}  # a single twist may be accidental
+    views.remember(10**9, np.zeros(3))
+    assert not views.unconfirmed(10**9 + 10_000_000, later)
+    assert set(views.unconfirmed(10**9 + 60_000_000, later)) == {"other"}

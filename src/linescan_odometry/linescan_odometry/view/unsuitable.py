@@ -1,0 +1,262 @@
+"""Detection of unsuitable views: occluded cameras, and cameras over oblique textures.
+
+The image of an occluded camera, for example under a lid or dirt on the lens, matches itself
+perfectly at zero displacement, like the image of the ground at rest or in motion across the axis. A
+camera therefore counts as occluded in two cases: its view becomes constant sooner than a vehicle
+can stop (at most 50 m/s^2), or its view does not change although the camera moves.
+
+On a texture that is oblique to a camera's axis, motion across the axis looks like motion along it
+(`keyframe`). A single camera cannot distinguish the two motions. The twist, however, gives the
+motion across the axis: if a view stays correlated for longer than one width, the texture is
+oblique.
+"""
+
+import math
+from collections import deque
+from collections.abc import Mapping
+
+import numpy as np
+
+from linescan_odometry.measurements import SensorReading
+from linescan_odometry.view.keyframe import EXCESS
+from omni_platform.quantities import FloatArray
+from omni_platform.sensors import LineSensor, velocity_row
+
+_STILL_SHARE = 0.25  # share of the width; after this motion across the axis a view must change
+_STILL_PIXELS = 2.0  # px; after this motion along the axis a view must change
+_HARDEST_STOP = 50.0  # m/s^2; a larger deceleration is impossible
+_REMEMBERED = 128  # number of twists that are stored
+_GAP_NS = 50_000_000  # limit on the time without a twist over which the motion is extrapolated [ns]
+_PIECE = 0.008  # m; ordinary ground leaves a view after the view's width plus this length
+_FAR_ENOUGH = 0.5  # motion across the axis before a test, as a share of (view width + _PIECE)
+_CLEAR_EXCESS = 0.65  # excess correlation that a single comparison does not reach by chance
+_SLOWEST = 0.03  # m/s across the axis; at lower speeds, oblique texture causes no significant error
+
+
+class UnsuitableViews:
+    """Detects unsuitable views by comparing the view of each camera with the camera's motion."""
+
+    def __init__(self, sensors: Mapping[str, LineSensor]) -> None:
+        """Create the detection; every view is suitable, and the vehicle is assumed to be at rest.
+
+        Args:
+            sensors: cameras to watch, keyed by name; the readings of other cameras stay as they
+                are.
+        """
+        self._sensors = sensors
+        # Rows that convert the twist to the velocity along and across each camera's axis; the
+        # velocity across it is positive to the left.
+        self._rows = {
+            name: np.array(
+                [velocity_row(s.x, s.y, s.heading + turn) for turn in (0.0, math.pi / 2)]
+            )
+            for name, s in sensors.items()
+        }
+        self._stamps: deque[int] = deque(maxlen=_REMEMBERED)
+        self._paths: deque[FloatArray] = deque(maxlen=_REMEMBERED)  # distance across each axis [m]
+        self._found: dict[str, str] = {}  # cameras over oblique textures, with the reasons
+        self._before: dict[str, tuple[float, float]] = {}  # last persistence and its excess
+        self._excess: dict[str, float] = {}  # the smaller of the last two excesses
+        self._start_anew()
+
+    def _start_anew(self) -> None:
+        self._covered: dict[str, str] = {}
+        self._twist: FloatArray = np.zeros(3)
+        self._stamp_ns = 0
+
+    def stopped(
+        self, stamp_ns: int, readings: Mapping[str, SensorReading]
+    ) -> dict[str, SensorReading]:
+        """Return the readings of occluded cameras, marked as unmeasured.
+
+        A camera counts as occluded if its view became constant sooner than a vehicle can stop. The
+        camera remains occluded until its view changes.
+
+        Args:
+            stamp_ns: stamp of the readings [ns].
+            readings: readings of all cameras, keyed by name.
+        """
+        if stamp_ns < self._stamp_ns:  # the recording is played again
+            self._start_anew()
+        elapsed = 1e-9 * (stamp_ns - self._stamp_ns)
+        dismissed = {}
+        for name, reading in readings.items():
+            if name not in self._sensors or reading.static_time == 0.0:
+                self._covered.pop(name, None)
+                continue
+            along, across = (float(v) for v in self._rows[name] @ self._twist)
+            speed = math.hypot(along, across)
+            if speed > _HARDEST_STOP * elapsed and self._would_show(
+                name, along, across, reading.static_time
+            ):
+                self._covered[name] = (
+                    f"covered: its view does not change, {1e3 * elapsed:.3g} ms after it moved at "
+                    f"{speed:.3g} m/s"
+                )
+            if name in self._covered:
+                dismissed[name] = reading.rejected(self._covered[name])
+        return dismissed
+
+    def unsuitable(
+        self, stamp_ns: int, readings: Mapping[str, SensorReading], twist: FloatArray
+    ) -> dict[str, SensorReading]:
+        """Return the readings of cameras whose view is unsuitable, marked as unmeasured.
+
+        This is the reading of one occluded camera or, if no camera is occluded, the readings of all
+        cameras over oblique textures. The result is keyed by camera name.
+
+        Args:
+            stamp_ns: stamp of the readings [ns].
+            readings: readings of all cameras, keyed by name.
+            twist: twist estimated without faulty sensors, shape (3,). With a faulty twist,
+                fault-free cameras would seem occluded.
+        """
+        occluded = self._contradicted(readings, twist)
+        return occluded or self._over_oblique_texture(stamp_ns, readings, twist)
+
+    def unconfirmed(
+        self, stamp_ns: int, readings: Mapping[str, SensorReading]
+    ) -> dict[str, SensorReading]:
+        """Return the readings that an oblique texture may have falsified, marked as unmeasured.
+
+        Readings are rejected only if the lines of some camera do not match. If a twist was measured
+        shortly before, only cameras over oblique textures are rejected. Without such a twist, the
+        motion across the axes is unknown, so the readings of all cameras are rejected.
+
+        Args:
+            stamp_ns: stamp of the readings [ns].
+            readings: readings of all cameras, keyed by name; too few are valid for a twist.
+
+        Returns:
+            Rejected readings, keyed by camera name.
+        """
+        blind = [
+            name
+            for name in self._sensors
+            if readings[name].unmatched and not readings[name].measured
+        ]
+        if not blind:
+            return {}
+        if len(self._stamps) > 1 and 0 < stamp_ns - self._stamps[-1] < _GAP_NS:
+            return self._over_oblique_texture(stamp_ns, readings, self._twist)
+        reason = f"unconfirmed: the texture may be oblique, no match for {', '.join(blind)}"
+        return {
+            name: reading.rejected(reason) for name, reading in readings.items() if reading.measured
+        }
+
+    def remember(self, stamp_ns: int, twist: FloatArray) -> None:
+        """Store a twist, and integrate the motion of each camera across the camera's axis.
+
+        Args:
+            stamp_ns: stamp of the twist [ns].
+            twist: measured twist (v_x, v_y [m/s], yaw rate [rad/s]), shape (3,).
+        """
+        if self._stamps and not 0 < stamp_ns - self._stamps[-1] < _GAP_NS:
+            self._stamps.clear()
+            self._paths.clear()
+        elapsed = 1e-9 * (stamp_ns - self._stamps[-1]) if self._stamps else 0.0
+        self._stamp_ns = stamp_ns
+        self._twist = twist
+        across = np.array([rows[1] @ twist for rows in self._rows.values()])
+        self._paths.append((self._paths[-1] if self._paths else 0.0) + across * elapsed)
+        self._stamps.append(stamp_ns)
+
+    def _contradicted(
+        self, readings: Mapping[str, SensorReading], twist: FloatArray
+    ) -> dict[str, SensorReading]:
+        """Return the reading whose constant view contradicts the twist most, marked as unmeasured.
+
+        Args:
+            readings: readings of all cameras, keyed by name.
+            twist: twist estimated from the readings.
+
+        Returns:
+            This reading, keyed by camera name; empty if no view contradicts the twist.
+        """
+        farthest, covered = _STILL_SHARE, {}
+        for name, reading in readings.items():
+            static = reading.static_time if name in self._sensors else 0.0
+            if not reading.measured or static == 0.0:
+                continue
+            across = float(self._rows[name][1] @ twist)
+            share = abs(across) * static / self._sensors[name].width
+            if share > farthest:
+                farthest = share
+                reason = (
+                    "covered: its view does not change, but the platform moves across it at "
+                    f"{abs(across):.3g} m/s"
+                )
+                covered = {name: reading.rejected(reason)}
+        return covered
+
+    def _over_oblique_texture(
+        self, stamp_ns: int, readings: Mapping[str, SensorReading], twist: FloatArray
+    ) -> dict[str, SensorReading]:
+        """Return the readings of the cameras over oblique textures, marked as unmeasured.
+
+        Args:
+            stamp_ns: stamp of the readings [ns].
+            readings: readings of all cameras, keyed by name.
+            twist: twist estimated from the readings.
+        """
+        over_oblique_texture = {}
+        for name, reading in readings.items():
+            if name not in self._sensors or not reading.measured:
+                continue
+            across = float(self._rows[name][1] @ twist)
+            speed = abs(across)
+            lifetime = self._sensors[name].width + _PIECE
+            path = self._path_across(name, stamp_ns, reading.reference_age, across)
+            if path > _FAR_ENOUGH * lifetime:
+                excess = reading.persistence - max(0.0, 1.0 - path / lifetime)
+                # A single excess may be chance, because a line contains few independent texture
+                # values.
+                before, excess_before = self._before.get(name, (0.0, 0.0))
+                if reading.persistence != before:  # otherwise this reading was already processed
+                    self._excess[name] = min(excess, excess_before)
+                    self._before[name] = reading.persistence, excess
+                least = self._excess.get(name, 0.0)
+                self._found.pop(name, None)
+                if excess > _CLEAR_EXCESS or least > EXCESS:
+                    self._found[name] = (
+                        f"oblique texture: {100.0 * reading.persistence:.0f} % correlation "
+                        f"after {1e3 * path:.3g} mm across the axis"
+                    )
+            if name in self._found and speed > _SLOWEST:
+                over_oblique_texture[name] = reading.rejected(self._found[name])
+        return over_oblique_texture
+
+    def _path_across(self, name: str, stamp_ns: int, age: float, across: float) -> float:
+        """Return how far a camera has moved across its axis in the last `age` seconds [m].
+
+        Before the first stored twist, the motion is assumed to be zero.
+
+        Args:
+            name: name of the camera.
+            stamp_ns: present time [ns].
+            age: duration of the motion [s].
+            across: present velocity across the axis [m/s].
+        """
+        since = stamp_ns - round(1e9 * age)
+        if not self._stamps or since >= self._stamps[-1]:
+            return abs(across) * age
+        newest = 1e-9 * (stamp_ns - self._stamps[-1])
+        number = list(self._rows).index(name)
+        paths = [float(path[number]) for path in self._paths]
+        before = float(np.interp(since, list(self._stamps), paths))
+        return abs(paths[-1] - before + across * (newest if 1e9 * newest < _GAP_NS else 0.0))
+
+    def _would_show(self, name: str, along: float, across: float, duration: float) -> bool:
+        """Return whether a motion would have changed the view of a camera.
+
+        Args:
+            name: name of the camera.
+            along: velocity along the camera's axis [m/s].
+            across: velocity across the camera's axis [m/s].
+            duration: duration of the motion [s].
+        """
+        sensor = self._sensors[name]
+        return (
+            abs(across) * duration > _STILL_SHARE * sensor.width
+            or abs(along) * duration > _STILL_PIXELS * sensor.pixel_pitch
+        )
