@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
+import os
+import signal
 from collections.abc import Callable, Iterator
 from contextlib import closing
 from pathlib import Path
@@ -50,6 +52,7 @@ class Cameras(Bystander):
         self._generator = np.random.default_rng(1)
         self._ground = self._generator.integers(40, 200, pixels)
         self._stamp_ns = 0
+        self.odometry = 0  # number of its process
 
     def _on_report(self, message: DiagnosticArray) -> None:
         self.reasons |= {value.key: value.value for value in message.status[0].values}
@@ -73,6 +76,10 @@ class Cameras(Bystander):
     def step(self, **spoilt: Callable[[Image], None]) -> TwistWithCovarianceStamped:
         """Publish one batch of every camera and return the resulting twist."""
         self.show(**spoilt)
+        return self.newest()
+
+    def newest(self) -> TwistWithCovarianceStamped:
+        """Return the twist of the last batches, when it has arrived."""
         self.wait(
             lambda: self.twists and to_nanoseconds(self.twists[-1].header.stamp) == self._stamp_ns
         )
@@ -89,18 +96,19 @@ class Cameras(Bystander):
 
 @pytest.fixture
 def cameras(tmp_path: Path, request: pytest.FixtureRequest) -> Iterator[Cameras]:
-    """Cameras and an odometry process, in a separate ROS domain."""
-    best_effort = getattr(request, "param", False)
+    """Cameras and an odometry process, in a separate ROS domain; `param` is a parameter to set."""
+    parameter = getattr(request, "param", "lockstep:=true")
+    best_effort = parameter == "best_effort_cameras:=true"
     configuration = ExperimentLibrary(WORKSPACE / "config").load("straight_line", "assisted")
     process = graph.Nodes(configuration, tmp_path, lockstep=True).odometry(listeners=1)
-    given = ["-p", f"best_effort_cameras:={str(best_effort).lower()}"]
-    process = dataclasses.replace(process, arguments=[*process.arguments, *given])
+    process = dataclasses.replace(process, arguments=[*process.arguments, "-p", parameter])
     sensors = configuration.odometry.sensors
     with reserved_domain() as domain, ProcessGroup(node_environment(domain)) as group:
-        group.start(process)
+        running = group.start(process)
         pixels = next(iter(sensors.values())).pixels
         qos = qos_profile_sensor_data if best_effort else RELIABLE
         with closing(Cameras(domain, tuple(sensors), pixels, qos)) as cameras:
+            cameras.odometry = running.pid
             publishers = cameras.publishers.values()
             cameras.wait(lambda: all(p.get_subscription_count() == 1 for p in publishers))
             cameras.wait(lambda: cameras.node.count_publishers("odometry/twist") == 1)
@@ -121,7 +129,7 @@ def half(image: Image) -> None:
     image.data = image.data[: len(image.data) // 2]
 
 
-@pytest.mark.parametrize("cameras", [True], indirect=True)
+@pytest.mark.parametrize("cameras", ["best_effort_cameras:=true"], indirect=True)
 def test_cameras_of_the_sensor_data_profile_are_received(cameras: Cameras) -> None:
     def arrived() -> bool:
         cameras.show()
@@ -146,4 +154,23 @@ def test_what_is_no_image_is_left_out(cameras: Cameras) -> None:
     whole = serialize_message(cameras.image())
     for wire in (b"\0\1\0\0", whole[:40], b"\0\0" + whole[2:], b"\0\3" + whole[2:100]):
         cameras.publishers["left"].publish(wire)
+    assert measured(cameras.step())
+
+
+@pytest.mark.parametrize("cameras", ["lockstep:=false", "lockstep:=true"], indirect=True)
+def test_only_in_lockstep_an_odometry_that_is_late_processes_old_lines(
+    cameras: Cameras, request: pytest.FixtureRequest
+) -> None:
+    cameras.step()
+    before, batches = len(cameras.twists), 40
+    os.kill(cameras.odometry, signal.SIGSTOP)
+    try:
+        for _ in range(batches):
+            cameras.show()
+    finally:
+        os.kill(cameras.odometry, signal.SIGCONT)
+    cameras.newest()
+    processed = len(cameras.twists) - before
+    lockstep = request.node.callspec.params["cameras"] == "lockstep:=true"
+    assert processed == batches if lockstep else processed < batches // 2
     assert measured(cameras.step())

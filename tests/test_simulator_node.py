@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import os
 import signal
+import time
 from collections.abc import Iterator
 from contextlib import closing
 from pathlib import Path
@@ -136,6 +137,22 @@ def test_missing_enables_apply_all_brakes(assistant: Assistant) -> None:
     assistant.answers, last = False, assistant.stamp
     assistant.wait(lambda: bool(assistant.torque.all()))
     assert assistant.released - last < 80_000_000  # 50 ms, rounded up to whole steps
+
+
+def test_a_simulator_that_was_halted_continues_at_the_speed_of_the_clock(
+    assistant: Assistant,
+) -> None:
+    start = time.monotonic()
+    os.kill(assistant.process.pid, signal.SIGSTOP)
+    try:
+        assistant.catch_up(lambda: assistant.stamp)
+        first = assistant.stamp
+        time.sleep(1.0)
+    finally:
+        os.kill(assistant.process.pid, signal.SIGCONT)
+    assistant.wait(lambda: assistant.stamp > first + 1.5e9)
+    # Only a lower bound of the duration is tested: the halt and most of the simulated time.
+    assert time.monotonic() - start > 1.0 + 1.0
 
 
 def test_invalid_enables_release_no_brake(assistant: Assistant) -> None:

@@ -6,6 +6,7 @@ timeouts.
 
 import math
 from collections.abc import Mapping
+from copy import copy
 from functools import partial
 
 import numpy as np
@@ -32,6 +33,7 @@ from omni_ros.startup import StartupConfiguration
 from omni_ros.status import ERROR, OK, WARN, Status, StatusReporter
 from omni_ros.transforms import MISSING, TransformPublisher
 
+_WAITING_BATCHES = 2  # in real time, length of the queue of a camera
 _ASSUMED = "sideways velocity not measured, but computed for an axle that does not slip"
 
 
@@ -41,6 +43,9 @@ class InterfaceConfiguration(Configuration):
     own_odometry: str = parameter("")
     """Your own odometry class as `my_module:MyOdometry`, see docs/extending.md; empty for the
     line-scan odometry"""
+    lockstep: bool = parameter(False)
+    """Whether the node processes all batches. Otherwise, if it is slower than the cameras, it drops
+    all batches but the newest ones, so that the twist is not late"""
     best_effort_cameras: bool = parameter(False)
     """Whether cameras may publish with best-effort QoS (sensor data); lines may then be lost, but
     are not delayed"""
@@ -77,9 +82,11 @@ class OdometryNode(Node):
             self._estimates[topics.SIDESLIP.name] = angles
             self.further_outputs.append(angles)
         qos = BEST_EFFORT if interface.best_effort_cameras else RELIABLE
+        newest = copy(qos)
+        newest.depth = qos.depth if interface.lockstep else _WAITING_BATCHES
         self._contradictions: dict[str, str] = {}
         for name, sensor in configuration.sensors.items():
-            subscribe(self, topics.lines(name), partial(self._on_lines, name), qos, raw=True)
+            subscribe(self, topics.lines(name), partial(self._on_lines, name), newest, raw=True)
             received = partial(self._on_camera_info, name, sensor)
             subscribe(self, topics.camera_info(name), received, LATCHED)
         for name in configuration.flow_sensors:

@@ -36,7 +36,9 @@ from omni_sim.messages import flow_message, ground_truth, imu_message, scene_mar
 from omni_sim.simulator import Observation, Simulator
 
 _INPUTS = 4  # number of subscribed topics at most
-_LARGEST_LAG = 0.1  # s; limit on the delay that is made up while a person drives
+# In real time, limit on the delay that is made up [s]. If the simulation then ran faster for long,
+# replies would seem late, and a person could not steer.
+_LARGEST_LAG = 0.02
 _MARKER_PERIOD = 5  # control periods between two updates of the markers
 
 
@@ -336,6 +338,7 @@ def run(node: SimulatorNode, spinner: process.Spinner) -> None:
     node.publish_descriptions()
     progress = run_progress.RunProgress(node.configuration)
     started = time.monotonic()
+    late = 0.0  # delay that is not made up [s]
     while not spinner.stop:
         started += node.control.wait(spinner)
         node.take_demand()
@@ -351,11 +354,9 @@ def run(node: SimulatorNode, spinner: process.Spinner) -> None:
         if progress.finished and node.manual_driver is None:
             break
         if node.loop.mode == "real_time":
-            deadline = started + (observation.stamp_ns + simulator.control_period_ns) / SECOND_NS
-            if node.manual_driver is not None:
-                # A person could not steer if the simulation ran faster to make up for a long delay.
-                late = time.monotonic() - deadline - _LARGEST_LAG
-                started += max(0.0, late)
+            next_ns = observation.stamp_ns + simulator.control_period_ns
+            deadline = started + late + next_ns / SECOND_NS
+            late += max(0.0, time.monotonic() - deadline - _LARGEST_LAG)
             _pace(spinner, deadline)
             node.note_silence(time.monotonic())
         simulator.advance(node.enable_for(observation.stamp_ns))

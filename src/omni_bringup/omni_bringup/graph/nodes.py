@@ -117,7 +117,6 @@ class Nodes:
         configuration = self.configuration
         parameters = values_of(configuration.brake_assist) | self._timing() | _listeners(listeners)
         parameters |= {
-            "lockstep": self.lockstep,
             "await_imu": configuration.imu.enabled,
             "twist_period": configuration.twist_period,
         }
@@ -223,7 +222,8 @@ class Nodes:
 
     def _timing(self) -> dict[str, Any]:
         """Return those parameters of a node that depend on the mode: lockstep or real time."""
-        return {"diagnostics_period": 0.0} if self.lockstep else {"use_sim_time": True}
+        mode = {"diagnostics_period": 0.0} if self.lockstep else {"use_sim_time": True}
+        return {"lockstep": self.lockstep, **mode}
 
     def _node(
         self,
