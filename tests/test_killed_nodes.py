@@ -34,7 +34,7 @@ def benchmark() -> Any:
     ("node", "action", "real_time", "words"),
     [
         ("simulator", "terminate", False, "the simulator was stopped at"),
-        ("simulator", "halt", False, "the simulator was halted"),
+        ("simulator", "halt", False, "simulator was halted"),
         ("simulator", "resume", False, "simulator was halted by a signal"),
         ("linescan_odometry", "resume", False, "linescan_odometry was halted by a signal"),
         ("linescan_odometry", "kill", True, "linescan_odometry ended (signal 9)"),

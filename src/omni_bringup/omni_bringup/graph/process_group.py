@@ -100,6 +100,7 @@ class RunningProcess:
             self.pid = _fork_server().start(command, {**environment, **shown}, streams)
         self._read_until = 0
         self._halted = False
+        self._running_at = time.monotonic()  # of the last check that found no halt [s]
         self._returncode: int | None = None
 
     @property
@@ -117,6 +118,14 @@ class RunningProcess:
         except OSError:  # it has ended
             return False
         return state.rpartition(")")[2].split()[0] == "T"
+
+    def raise_if_halted(self, longest: float = 5.0) -> None:
+        """Raise `ProcessError` if a signal has halted the process for more than `longest` [s]."""
+        now = time.monotonic()
+        if not self.is_halted:
+            self._running_at = now
+        if now - self._running_at > longest:
+            raise ProcessError(f"{self.node.name} was halted by a signal")
 
     @property
     def was_halted(self) -> bool:

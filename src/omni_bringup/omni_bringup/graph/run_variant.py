@@ -127,6 +127,7 @@ def run_variant(
                 recorder, simulator = started[0], started[-1]
                 while not folder.is_dir():
                     group.raise_if_ended()
+                    recorder.raise_if_halted()
                     yield
                 write_beside_bag(configuration, folder, recorder)
                 report = yield from _follow(group, simulator, on_progress)
@@ -183,7 +184,6 @@ def _follow(
     simulator: processes.RunningProcess,
     on_progress: Progress,
     report_timeout: float = 300.0,
-    halted_timeout: float = 5.0,
 ) -> Generator[None, None, dict[str, Any]]:
     """Wait for the end of the simulator and return its last report.
 
@@ -193,13 +193,12 @@ def _follow(
         on_progress: function that is called with each report of the simulator.
         report_timeout: limit on the time without a report [s]; kernels may have to be compiled
             first.
-        halted_timeout: limit on the time for which the simulator is halted by a signal [s].
 
     Raises:
         ProcessError: a node ended earlier, or the simulator makes no progress.
     """
     report: dict[str, Any] = {}
-    received = running = time.monotonic()
+    received = time.monotonic()
     halted = False
     while simulator.returncode is None:
         yield
@@ -208,10 +207,10 @@ def _follow(
         for report in simulator.new_reports():
             on_progress(report)
             received = now
-        running = running if simulator.is_halted else now
         halted = simulator.was_halted  # not readable after the process has ended
-        if now - running > halted_timeout:
-            raise processes.ProcessError("the simulator was halted by a signal")
+        # Before the first step, all nodes wait for a halted one.
+        for process in (simulator,) if report else group.running:
+            process.raise_if_halted()
         if now - received > report_timeout:
             raise processes.ProcessError(f"the simulator has made no step for {report_timeout:g} s")
     group.raise_if_ended(besides=simulator)

@@ -47,6 +47,8 @@ def replay_over_graph(bag: Path, plan: ReplayPlan, folder: Path, rate: float) ->
 def _follow(group: processes.ProcessGroup, player: processes.RunningProcess) -> Mapping[str, Any]:
     while processes.wait_for(player) is None:
         group.raise_if_ended(besides=player)
+        for process in group.running:
+            process.raise_if_halted()
     reports = player.new_reports()
     if player.returncode != 0 or not reports:
         raise processes.ProcessError(processes.describe_end(player))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import glob
 import os
 import signal
@@ -13,6 +14,7 @@ from pathlib import Path
 
 import pytest
 
+from omni_bringup.graph import run_variant
 from omni_bringup.graph.process_group import (
     NodeProcess,
     ProcessError,
@@ -294,3 +296,22 @@ while True:
     finally:
         signal.signal(signal.SIGINT, before)
     assert started[0].returncode == 0
+
+
+def test_a_node_that_is_halted_while_the_graph_starts_is_named(
+    prefix: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    at_once = functools.partialmethod(RunningProcess.raise_if_halted, longest=0.0)
+    with ProcessGroup(dict(os.environ)) as group:
+        odometry, simulator = (
+            group.start(add_program(prefix, name, "import time; time.sleep(100)"))
+            for name in ("odometry", "simulator")
+        )
+        steps = run_variant._follow(group, simulator, lambda _: None)
+        next(steps)
+        monkeypatch.setattr(RunningProcess, "raise_if_halted", at_once)
+        next(steps)  # all processes run
+        odometry.signal(signal.SIGSTOP)
+        wait_until(lambda: odometry.is_halted)
+        with pytest.raises(ProcessError, match="odometry was halted by a signal"):
+            next(steps)
