@@ -13,8 +13,8 @@ from safety_table import table
 
 import omni_studies
 from omni_bringup.commands import commands_of
-from omni_bringup.dissertation_page import STATUSES, chapters, page
-from omni_bringup.parameter_reference import reference
+from omni_bringup.reference.dissertation import STATUSES, chapters, page
+from omni_bringup.reference.parameters import reference
 from omni_loop.metrics import run_metrics
 from omni_loop.recorded_run import read_run
 from omni_studies import page_numbers
@@ -44,14 +44,14 @@ SETTINGS = {
 def test_parameter_reference_is_current() -> None:
     written = (WORKSPACE / "docs/parameters.md").read_text(encoding="utf-8")
     assert written == reference(), (
-        "write it anew: ./omni exec python -m omni_bringup.parameter_reference > docs/parameters.md"
+        "write it anew: python -m omni_bringup.reference.parameters > docs/parameters.md"
     )
 
 
 def test_the_page_of_the_dissertation_is_current_and_names_what_exists() -> None:
     written = (WORKSPACE / "docs/dissertation.md").read_text(encoding="utf-8")
     assert written == page(WORKSPACE), (
-        "write it anew: ./omni exec python -m omni_bringup.dissertation_page > docs/dissertation.md"
+        "write it anew: python -m omni_bringup.reference.dissertation > docs/dissertation.md"
     )
     for row in (row for rows in chapters(WORKSPACE).values() for row in rows):
         assert row.status in STATUSES, row

@@ -65,17 +65,24 @@ def run(options: Options, workspace: Workspace) -> Report:
 
 
 def _entries(fit: TireFit, model: str, data: TireData) -> dict[str, Any]:
-    from omni_bringup.parameter_reference import leaves
     from omni_sim.tire.models import MODELS
 
-    units = {key: info.unit or "1" for key, _, info, _ in leaves(MODELS[model].configuration)}
+    kind = MODELS[model].configuration
     entries = {
-        f"{key.replace('.', '_')}.{model}": estimate(value, units[key], error, bounded=fixed)
+        f"{key.replace('.', '_')}.{model}": estimate(value, _unit(kind, key), error, bounded=fixed)
         for key, value, error, fixed in _rows(fit)
     }
     entries[f"residual.{model}"] = {"value": fit.residual, "unit": "N"}
     entries[f"rows.{model}"] = {"value": float(data.slip.size), "unit": "1"}
     return entries
+
+
+def _unit(cls: Any, key: str) -> str:
+    """Return the unit of the value with a dotted key in a configuration."""
+    fields = {name: field for name, *field in configuration.declared_parameters(cls)}
+    name, _, rest = key.partition(".")
+    kind, info = fields[name]
+    return _unit(kind, rest) if rest else info.unit or "1"
 
 
 def _rows(fit: TireFit) -> list[tuple[str, float, float, bool]]:

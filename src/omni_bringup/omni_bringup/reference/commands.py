@@ -1,7 +1,7 @@
 """Reference of all commands and studies, generated from their declarations.
 
-``python -m omni_bringup.command_reference > docs/options.md`` writes the page for the documentation
-site; the file is not part of the repository.
+``python -m omni_bringup.reference.commands > docs/options.md`` writes the page for the
+documentation site; the file is not part of the repository.
 """
 
 import dataclasses

@@ -1,6 +1,6 @@
 """Page with the status of each equation, figure, table and claim of the dissertation.
 
-``python -m omni_bringup.dissertation_page > docs/dissertation.md`` generates the page from
+``python -m omni_bringup.reference.dissertation > docs/dissertation.md`` generates the page from
 ``docs/dissertation.yaml``.
 """
 
@@ -62,7 +62,7 @@ def page(folder: Path) -> str:
         "of the dissertation, its status in this project,\nand the command or test that shows it.\n"
         "Use it to check a claim, or to find the module of an equation.\n\n"
         "This page is generated from `dissertation.yaml` by "
-        "`python -m omni_bringup.dissertation_page`; do not edit it.\n"
+        "`python -m omni_bringup.reference.dissertation`; do not edit it.\n"
         '"The text" is V. Kálmán, *On modeling and control of omnidirectional '
         "wheels*, BME Budapest 2013.\n\n"
         "| status | rows | meaning |\n|---|---|---|",

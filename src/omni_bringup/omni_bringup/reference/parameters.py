@@ -1,6 +1,6 @@
 """Reference of all parameters, generated from their declarations.
 
-``python -m omni_bringup.parameter_reference > docs/parameters.md`` updates the page.
+``python -m omni_bringup.reference.parameters > docs/parameters.md`` updates the page.
 """
 
 import dataclasses
@@ -16,7 +16,7 @@ _HEAD = """\
 # Parameters
 
 This page lists the parameters of experiments and nodes with default, unit, range and meaning.
-It is generated from the code by `python -m omni_bringup.parameter_reference`; do not edit it.
+It is generated from the code by `python -m omni_bringup.reference.parameters`; do not edit it.
 The READMEs of the packages list the parameters for the communication of each node, such as its
 timeouts, and those of the nodes `recorder`, `player` and `driver`.
 `<name>` stands for the name of a wheel, sensor or patch.
@@ -53,22 +53,22 @@ def reference() -> str:
     }
     head = "| parameter | default | unit | range | meaning |\n|---|---|---|---|---|"
     tables = (
-        f"## {title}\n{head}\n" + "".join(f"{_row(*leaf)}\n" for leaf in leaves(cls))
+        f"## {title}\n{head}\n" + "".join(f"{_row(*leaf)}\n" for leaf in _leaves(cls))
         for title, cls in sections.items()
     )
     return "\n".join((_HEAD, *tables))
 
 
-def leaves(cls: Any, prefix: str = "") -> Iterator[tuple[str, Any, ParameterInfo, Any]]:
+def _leaves(cls: Any, prefix: str = "") -> Iterator[tuple[str, Any, ParameterInfo, Any]]:
     """Yield dotted key, type, description and default of each value of a configuration."""
     defaults = {field.name: field.default for field in dataclasses.fields(cls)}
     for name, kind, info in configuration.declared_parameters(cls):
         key = configuration.join_key(prefix, name)
         element = configuration.element_configuration(kind)
         if configuration.is_configuration(kind):
-            yield from leaves(kind, key)
+            yield from _leaves(kind, key)
         elif element is not None:
-            yield from leaves(element, configuration.join_key(key, "<name>"))
+            yield from _leaves(element, configuration.join_key(key, "<name>"))
         else:
             yield key, kind, info, defaults[name]
 

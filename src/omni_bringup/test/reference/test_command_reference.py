@@ -1,6 +1,6 @@
 """Test the reference of all options."""
 
-from omni_bringup import command_reference
+from omni_bringup.reference import commands
 from omni_platform.configuration import Configuration, parameter
 
 
@@ -14,7 +14,7 @@ class Options(Configuration):
 
 
 def test_an_option_without_a_default_has_an_empty_cell() -> None:
-    assert list(command_reference._rows(Options)) == [
+    assert list(commands._rows(Options)) == [
         "| `--folder` |  |  | folder of the results |",
         "| `--kind` | `fast` |  | kind of the run |",
     ]

@@ -1,0 +1,1 @@
+"""Generators of pages: references of commands and parameters, status of the dissertation."""
