@@ -3,11 +3,12 @@
 The kernel calls the compiled functions of the simulator and of the brake assistant, without line
 cameras, odometry or messages. The results are bit-identical to those of `loop.run_closed_loop` with
 ``feedback: velocity_sensor``. A user's control law in Python is called between the two compiled
-halves of a step.
+halves of a step, and a source of the twist in Python between two steps.
 """
 
 import dataclasses
 import math
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -30,6 +31,11 @@ from omni_sim.vehicle import dynamics
 from omni_sim.vehicle.dynamics import base_motion, energies, in_turned_frame
 from omni_sim.vehicle.state import Control, State
 from omni_sim.vehicle.vehicle import Vehicle
+
+TwistSource = Callable[[int, FloatArray, FloatArray], TwistSample]
+"""Function that returns the latest twist that has arrived. Its arguments are the time since the
+start of the run [ns], the true twist [m/s, m/s, rad/s], shape (3,), and the measured wheel speeds
+[rad/s], shape (N,). The loop calls it once per stamp."""
 
 _CHUNK = 512  # number of stamps per call and per chunk of noise
 
@@ -114,15 +120,19 @@ class _Sensors(NamedTuple):
     rest: NDArray[np.void]  # time since which the vehicle has been at rest
 
 
-def run_fast_loop(configuration: ExperimentConfiguration) -> FastRun:
+def run_fast_loop(
+    configuration: ExperimentConfiguration, source: TwistSource | None = None
+) -> FastRun:
     """Run an experiment with the velocity sensor to its end.
 
     Args:
         configuration: configuration of the whole loop.
+        source: source that replaces the velocity sensor; the control law must then be a built-in
+            one. None to use the velocity sensor.
 
     Raises:
-        ConfigurationError: the feedback is optical, or the sampling period of the velocity sensor
-            is too long for the assistant.
+        ConfigurationError: the feedback is optical, the sampling period of the velocity sensor is
+            too long for the assistant, or a user's law is combined with `source`.
     """
     _check(configuration)
     driver = ScriptedDriver(configuration.maneuver)
@@ -138,6 +148,8 @@ def run_fast_loop(configuration: ExperimentConfiguration) -> FastRun:
     assist = assist_state.make_constants(configuration.brake_assist, vehicle.kinematics.geometry)
     memory = assist_state.new_memory(len(vehicle.wheel_names))
     law = own_law(configuration.brake_assist, vehicle.kinematics.geometry)
+    if law is not None and source is not None:
+        raise ConfigurationError("brake_assist.law", "must be built in, as the source is in Python")
     sensors = _sensors(configuration, stamps, len(vehicle.wheel_names))
     if loop.measures:
         seed = np.random.SeedSequence(configuration.seed).spawn(3)[2]  # stream as in the simulator
@@ -151,7 +163,10 @@ def run_fast_loop(configuration: ExperimentConfiguration) -> FastRun:
         if loop.measures and used % _CHUNK == 0:  # in chunks, as most runs are short
             noise.standard_normal(out=sensors.noise)
         part = (run, used, last)
-        used, outcome = _run_part(*part) if law is None else _run_own(law, *part)
+        if source is not None:
+            used, outcome = _run_measured(source, *part)
+        else:
+            used, outcome = _run_part(*part) if law is None else _run_own(law, *part)
         if outcome != run_progress.RUNNING:
             break
         vehicle.apply_brake_faults(used * loop.period_ns * 1e-9)
@@ -307,8 +322,21 @@ def _sense(run: _Run, stamp: int) -> assist_state.Inputs:
         readings = Readings(feedback, scratch.imu, scratch.wheel_speed)
         measure(sensors.instruments, truth, noise, readings)
     velocity_sensor.state_covariance(velocity, feedback, scratch.covariance)
-    validity = VALID if loop.measures else MISSING
-    twist = TwistSample(taken_ns, feedback, scratch.covariance, VALID)
+    return _inputs(run, stamp, taken_ns)
+
+
+@inlined
+def _inputs(run: _Run, stamp: int, taken_ns: int) -> assist_state.Inputs:
+    """Return the inputs of the assistant, with the present sensor readings in the buffers.
+
+    Args:
+        run: state of the run.
+        stamp: index of the control stamp.
+        taken_ns: time stamp of the twist [ns].
+    """
+    loop, scratch = run.loop, run.scratch
+    now_ns, validity = stamp * loop.period_ns, VALID if loop.measures else MISSING
+    twist = TwistSample(taken_ns, run.record.feedback[stamp], scratch.covariance, VALID)
     wheels = WheelSample(now_ns, scratch.wheel_speed, validity)
     imu = ImuSample(now_ns, scratch.imu[0], scratch.imu[1:], validity)
     return assist_state.Inputs(now_ns, loop.pedal[stamp], loop.enabled, GOOD, twist, wheels, imu)
@@ -333,9 +361,44 @@ def _run_part(run: _Run, first: int, last: int) -> tuple[int, int]:
 
 
 @kernel
-def _inputs(run: _Run, stamp: int) -> assist_state.Inputs:
+def _sensed(run: _Run, stamp: int) -> assist_state.Inputs:
     """Return the result of `_sense`; Python code cannot call `_sense`, because it is inlined."""
     return _sense(run, stamp)
+
+
+@lean
+def _finish(run: _Run, stamp: int, last: int, taken_ns: int) -> int:
+    """Decide with the twist in the buffers, record and advance, and sense before stamp `last`.
+
+    Args:
+        run: state of the run.
+        stamp: index of the control stamp.
+        last: stamp whose inputs are not sensed, because new noise must be drawn before.
+        taken_ns: time stamp of the twist [ns].
+
+    Returns:
+        Outcome of the run, a constant of `omni_sim.run_progress`.
+    """
+    inputs = _inputs(run, stamp, taken_ns)
+    assist_step.assist_step(run.assist, run.memory, inputs, run.scratch.error, run.scratch.enable)
+    outcome = _record_and_advance(run, stamp)
+    if outcome == run_progress.RUNNING and stamp + 1 < last:
+        _sense(run, stamp + 1)
+    return outcome
+
+
+def _run_measured(source: TwistSource, run: _Run, first: int, last: int) -> tuple[int, int]:
+    """Run the loop like `_run_part`, but with a source of the twist in Python."""
+    _sensed(run, first)
+    record, scratch = run.record, run.scratch
+    for stamp in range(first, last):
+        true = record.motion[stamp, 3:]
+        twist = source(stamp * run.loop.period_ns, true, scratch.wheel_speed)
+        record.feedback[stamp], scratch.covariance[:] = twist.value, twist.covariance
+        outcome = _finish(run, stamp, last, twist.stamp_ns)
+        if outcome != run_progress.RUNNING:
+            return stamp + 1, outcome
+    return last, run_progress.RUNNING
 
 
 def _run_own(law: Law, run: _Run, first: int, last: int) -> tuple[int, int]:
@@ -345,7 +408,7 @@ def _run_own(law: Law, run: _Run, first: int, last: int) -> tuple[int, int]:
     """
     error, enable = run.scratch.error, run.scratch.enable
     for stamp in range(first, last):
-        inputs = _inputs(run, stamp)
+        inputs = _sensed(run, stamp)
         error[:] = 0.0
         ready, motion = assist_step.receive(run.assist, run.memory, inputs)
         answer, _ = call_law(law, motion, error, enable) if ready else (NO_HELP, "")

@@ -100,9 +100,7 @@ def make_estimator(configuration: experiment.ExperimentConfiguration) -> Estimat
 
 
 def run_closed_loop(
-    configuration: experiment.ExperimentConfiguration,
-    simulator: Simulator | None = None,
-    estimator: Estimator | None = None,
+    configuration: experiment.ExperimentConfiguration, simulator: Simulator | None = None
 ) -> history.RunHistory:
     """Run an experiment to its end, and return the history.
 
@@ -110,15 +108,13 @@ def run_closed_loop(
         configuration: configuration of the whole loop.
         simulator: simulator of this configuration, which the caller can inspect after the run; None
             to create one.
-        estimator: source of the twist that replaces the configured source; None to use the
-            configured source.
 
     Returns:
         The history of the run, without a real-time factor, because this function reads no clock.
     """
     plant = simulator or Simulator(configuration)
-    estimator = estimator or make_estimator(configuration)
-    moments = steps(plant, estimator, BrakeAssist(configuration.brake_assist))
+    estimator, controller = make_estimator(configuration), BrakeAssist(configuration.brake_assist)
+    moments = steps(plant, estimator, controller)
     return record(tuple(configuration.vehicle.wheels), _until_over(configuration, moments))
 
 

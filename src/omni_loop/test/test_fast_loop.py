@@ -15,6 +15,7 @@ from omni_loop.experiment import ExperimentConfiguration, ExperimentLibrary
 from omni_loop.loop import run_closed_loop
 from omni_loop.metrics import run_metrics
 from omni_platform.configuration import ConfigurationError
+from omni_sim.velocity_sensor import VelocitySensor
 
 CONFIG = Path(__file__).resolve().parents[3] / "config"
 BLIND = ("simulation.render_lines=false", "feedback=velocity_sensor")
@@ -125,6 +126,17 @@ def test_a_law_from_outside_runs_like_a_built_in_one() -> None:
     outside = run_fast_loop(load("straight_line", "assisted", OUTSIDE, *TURNING))
     built_in = run_fast_loop(load("straight_line", "assisted", *TURNING))
     assert first_difference(outside, built_in) is None
+
+
+def test_a_source_in_python_gives_the_bits_of_the_built_in_one() -> None:
+    # The noise of the IMU is drawn again after 512 stamps.
+    configuration = load("straight_line", "assisted", *TURNING, *NOISE, "maneuver.brake_time=5.0")
+    seed = np.random.SeedSequence(configuration.seed).spawn(1)[0]
+    sensor = VelocitySensor(configuration.velocity_sensor, np.random.default_rng(seed))
+    built_in = run_fast_loop(configuration)
+    own = run_fast_loop(configuration, lambda now, twist, _speeds: sensor.measure(now, twist))
+    assert len(own.pedal) > 550
+    assert first_difference(own, built_in) is None
 
 
 def test_without_a_stop_the_run_ends_at_its_limit() -> None:

@@ -17,7 +17,6 @@ import numpy as np
 from omni_platform import quantities, signals
 from omni_platform.kinematics import PlatformKinematics
 from omni_platform.sensors import FlowSensor, sensor_matrix
-from omni_sim.simulator import Observation
 from omni_sim.velocity_sensor import SMALLEST_DEVIATION
 
 MODEL, WHEELS, NOTHING = "model", "wheels", "nothing"
@@ -127,8 +126,8 @@ SOURCES = {
 }
 
 
-class SourceEstimator:
-    """Estimator that returns the simulated measurements of a source of the twist.
+class SourceModel:
+    """Simulated measurements of a source of the twist.
 
     Args:
         source: error model of the source.
@@ -146,29 +145,38 @@ class SourceEstimator:
         self._sampled_ns = _NEVER_NS
         self._chips = FlowChips(source, self._random) if source.chips else None
 
-    def estimate(self, observation: Observation) -> signals.TwistSample:
+    def measure(
+        self, now_ns: int, twist: quantities.FloatArray, wheel_speed: quantities.FloatArray
+    ) -> signals.TwistSample:
         """Return the latest measurement that has arrived.
 
         Before the first arrival, the result is an unmeasured twist with a very old stamp.
+
+        Args:
+            now_ns: time since the start of the run [ns], increasing.
+            twist: true body twist at this time [m/s, m/s, rad/s], shape (3,).
+            wheel_speed: speeds that the encoders measure [rad/s], shape (N,).
         """
-        now_ns, source = observation.stamp_ns, self._source
+        source = self._source
         due = now_ns - self._sampled_ns >= round(source.period * 1e9)
         if due and source.kind != NOTHING:
             self._sampled_ns = now_ns
             arrival_ns = now_ns + round(source.latency * 1e9)
-            self._waiting.append((arrival_ns, self._measure(observation)))
+            self._waiting.append((arrival_ns, self._sample(now_ns, twist, wheel_speed)))
         while self._waiting and self._waiting[0][0] <= now_ns:
             self._last = self._waiting.popleft()[1]
         return self._last
 
-    def _measure(self, observation: Observation) -> signals.TwistSample:
-        source, stamp_ns = self._source, observation.stamp_ns
+    def _sample(
+        self, stamp_ns: int, twist: quantities.FloatArray, wheel_speed: quantities.FloatArray
+    ) -> signals.TwistSample:
+        source = self._source
         if self._chips is not None:
-            return self._chips.measure(stamp_ns, observation.twist)
+            return self._chips.measure(stamp_ns, twist)
         if source.kind == WHEELS:
-            twist = self._kinematics.twist(observation.encoder_speed)
-            return signals.TwistSample(stamp_ns, twist, np.diag([0.02, 0.02, 0.04]) ** 2)
-        speed = math.hypot(*observation.twist[:2])
+            rolling = self._kinematics.twist(wheel_speed)
+            return signals.TwistSample(stamp_ns, rolling, np.diag([0.02, 0.02, 0.04]) ** 2)
+        speed = math.hypot(*twist[:2])
         lost = self._random.random() < source.lost
         noise = self._random.standard_normal(3)
         if lost or speed > source.maximum_speed:
@@ -178,7 +186,7 @@ class SourceEstimator:
         scale = np.array([self._scale, self._scale, 1.0])
         # The stated covariance includes the scale error, as in a data sheet.
         stated = deviation**2 + np.array([1.0, 1.0, 0.0]) * (source.scale * speed) ** 2
-        value: quantities.FloatArray = scale * observation.twist + deviation * noise
+        value: quantities.FloatArray = scale * twist + deviation * noise
         return signals.TwistSample(stamp_ns, value, np.diag(stated))
 
 

@@ -23,8 +23,10 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from omni_figures import style
+from omni_loop.compiled import run_fast_loop
 from omni_loop.experiment import ExperimentConfiguration, ExperimentLibrary, short_name
 from omni_loop.ground_choice import prepare_grounds
+from omni_loop.history import RunHistory
 from omni_loop.loop import run_closed_loop
 from omni_loop.metrics import Metric, run_metrics
 from omni_platform.configuration import ConfigurationError, parameter
@@ -33,7 +35,7 @@ from omni_platform.sensors import LineSensor
 from omni_sim.texture.cache import TextureCache
 from omni_sim.vehicle.configuration import VehicleConfiguration
 from omni_sim.vehicle.loads import MassConfiguration
-from omni_studies.feedback.sources import SOURCES, SourceEstimator
+from omni_studies.feedback.sources import SOURCES, SourceModel
 from omni_studies.study import StudyResult, StudyRun
 from omni_tools.campaign.runner import CampaignOptions
 
@@ -163,13 +165,14 @@ class Cases:
             configuration.brake_assist, enabled=assisted, law=law if assisted else _LAWS[0]
         )
         configuration = dataclasses.replace(configuration, brake_assist=brake_assist)
-        kinematics = PlatformKinematics.of(configuration.vehicle.wheels)
-        estimator = None
+        history: RunHistory
         if source.cameras and (vehicle == _NAMED or stop < self.options.rendered):
-            configuration = _rendered(configuration, self.cameras[source.cameras])
+            history = run_closed_loop(_rendered(configuration, self.cameras[source.cameras]))
         else:
-            estimator = SourceEstimator(source, kinematics, stop)
-        metrics = run_metrics(run_closed_loop(configuration, estimator=estimator))
+            kinematics = PlatformKinematics.of(configuration.vehicle.wheels)
+            model = SourceModel(source, kinematics, stop)
+            history = run_fast_loop(configuration, model.measure)
+        metrics = run_metrics(history)
         distance, rotation = (
             metrics[one].value for one in ("stopping_distance", "orientation_change")
         )

@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import math
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -14,7 +13,7 @@ import pytest
 from omni_loop.experiment import ExperimentLibrary
 from omni_platform.geometry import WheelMount
 from omni_platform.kinematics import PlatformKinematics
-from omni_studies.feedback.sources import SOURCES, SourceEstimator
+from omni_studies.feedback.sources import SOURCES, SourceModel
 from omni_studies.studies import feedback
 from omni_studies.study import StudyRun
 
@@ -28,17 +27,10 @@ TWIST = np.array([1.0, -0.4, 0.3])
 
 
 def measured(name: str, steps: int = 400, factor: float = 1.0) -> list[Any]:
-    estimator = SourceEstimator(SOURCES[name], KINEMATICS, 3)
+    model = SourceModel(SOURCES[name], KINEMATICS, 3)
     twist = factor * TWIST
     speeds = KINEMATICS.wheel_speeds(twist)
-    return [
-        estimator.estimate(
-            SimpleNamespace(  # type: ignore[arg-type]
-                stamp_ns=10_000_000 * step, twist=twist, encoder_speed=speeds
-            )
-        )
-        for step in range(steps)
-    ]
+    return [model.measure(10_000_000 * step, twist, speeds) for step in range(steps)]
 
 
 @pytest.mark.parametrize("name", [name for name in SOURCES if name != "encoders_imu"])
@@ -69,16 +61,12 @@ def test_a_chip_beyond_its_speed_measures_nothing() -> None:
 def test_flow_chips_report_the_whole_counts_between_their_last_images() -> None:
     source = dataclasses.replace(SOURCES["pmw3901_2"], relative=0.0, scale=0.0)
     step = 1.0 / (source.counts * source.period)  # velocity of one count [m/s]
-    estimator = SourceEstimator(source, KINEMATICS, 5)
+    model = SourceModel(source, KINEMATICS, 5)
     speed, deceleration, found = 0.6, 2.0, []
     for k in range(30):
         now = 0.01 * k
         twist = np.array([speed - deceleration * now, 0.0, 0.0])
-        found.append(
-            estimator.estimate(
-                SimpleNamespace(stamp_ns=10_000_000 * k, twist=twist)  # type: ignore[arg-type]
-            )
-        )
+        found.append(model.measure(10_000_000 * k, twist, np.zeros(4)))
     ages = [10_000_000 * k - one.stamp_ns for k, one in enumerate(found)]
     assert 0 < max(ages) < 1e9 * source.period
     for one in found[1:]:
