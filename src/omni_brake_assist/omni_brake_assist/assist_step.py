@@ -28,7 +28,7 @@ from omni_brake_assist.laws.law import ASSIST, FAILED, HELD, NO_HELP, NO_WHEEL, 
 from omni_brake_assist.monitors import brake_monitor, effect_monitor
 from omni_platform.kernels import inlined, kernel, lean, lean_inline, linked
 from omni_platform.quantities import FloatArray
-from omni_platform.signals import VALID
+from omni_platform.signals import UNMEASURED_VARIANCE, VALID
 
 # In a stop without a valid twist, this share of the initial speed is added to the speed below which
 # all brakes act [1]. An error of dead reckoning then cannot keep the vehicle rolling, and little
@@ -177,8 +177,8 @@ def _estimate_motion(
         constants: constants of the assistant.
         memory: memory of the assistant, changed in place.
         inputs: inputs of this step.
-        received: whether the latest twist is valid and the input gate is open; otherwise the twist
-            is ignored.
+        received: whether the latest twist is valid and the input gate is open. Otherwise, or if no
+            component of the twist is measured, the twist is ignored.
         pedal: the driver's brake demand, 0 while the pedal is up [1].
         dt: time since the previous step [s].
 
@@ -190,8 +190,11 @@ def _estimate_motion(
     released = False
     for enable in memory.commanded:
         released = released or enable < 1.0
+    least = UNMEASURED_VARIANCE
     for j in range(3):
         variance[j] = feedback.covariance[j, j] if received else 0.0
+        least = min(least, variance[j])
+    received = received and least < UNMEASURED_VARIANCE
     step.no_effect = effect_monitor.watch_effect(
         constants.effect, memory.effect, dt, pedal, released, speeds, inertial[1:]
     )

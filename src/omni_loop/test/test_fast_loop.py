@@ -15,6 +15,8 @@ from omni_loop.experiment import ExperimentConfiguration, ExperimentLibrary
 from omni_loop.loop import run_closed_loop
 from omni_loop.metrics import run_metrics
 from omni_platform.configuration import ConfigurationError
+from omni_platform.quantities import SECOND_NS
+from omni_platform.signals import UNMEASURED_VARIANCE, TwistSample
 from omni_sim.velocity_sensor import VelocitySensor
 
 CONFIG = Path(__file__).resolve().parents[3] / "config"
@@ -137,6 +139,16 @@ def test_a_source_in_python_gives_the_bits_of_the_built_in_one() -> None:
     own = run_fast_loop(configuration, lambda now, twist, _speeds: sensor.measure(now, twist))
     assert len(own.pedal) > 550
     assert first_difference(own, built_in) is None
+
+
+@pytest.mark.parametrize("law", ["sliding_mode", "allocation"])
+def test_an_unmeasured_twist_is_no_twist(law: str) -> None:
+    configuration = load("turn_while_translate", "k1", f"brake_assist.law={law}")
+    unknown = np.zeros(3), UNMEASURED_VARIANCE * np.eye(3)
+    unmeasured = run_fast_loop(configuration, lambda now, *_: TwistSample(now, *unknown))
+    silent = run_fast_loop(configuration, lambda *_: TwistSample(-SECOND_NS, *unknown))
+    assert silent.enable.min() < 0.5
+    assert first_difference(unmeasured, silent) is None
 
 
 def test_without_a_stop_the_run_ends_at_its_limit() -> None:
