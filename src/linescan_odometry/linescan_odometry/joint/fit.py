@@ -14,17 +14,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from linescan_odometry.joint import spectra
 from linescan_odometry.joint.likelihood import Cut, Expansion
-from linescan_odometry.joint.spectra import (
-    LEAST_NOISE,
-    SIGNIFICANT,
-    Doubles,
-    Floats,
-    Spectrum,
-    summing,
-    whiten,
-    window,
-)
+from linescan_odometry.joint.spectra import Doubles, Floats, Spectrum
 from linescan_odometry.matching.transforms import transform_size
 from omni_platform.kernels import kernel, linked
 
@@ -55,7 +47,7 @@ class Fit(NamedTuple):
     difference: float
 
 
-@summing
+@spectra.summing
 def _shared(cut: Cut) -> float:
     """Return the energy of the gradients that neighboring lines have in common.
 
@@ -75,7 +67,7 @@ def _shared(cut: Cut) -> float:
 @kernel
 def _gain(cut: Cut) -> float:
     """Return the gradient energy of a line of white noise with variance 1."""
-    taper = window(cut.length)
+    taper = spectra.window(cut.length)
     own = 0.0
     for i in range(len(taper)):
         own += taper[i] * taper[i]
@@ -122,7 +114,7 @@ def assess(lines: Floats, here: Expansion) -> Fit:
     contrast = _shared(cut) / max(_noise(lines) * _gain(cut), 1e-12)
     weight = np.zeros(cut.spectra.shape[1])
     for b in range(len(edges) - 1):
-        gamma = min(moments[1, b] / moments[0, b], 1.0 - LEAST_NOISE)
+        gamma = min(moments[1, b] / moments[0, b], 1.0 - spectra.LEAST_NOISE)
         weight[edges[b] : edges[b + 1]] = math.sqrt(gamma / ((1.0 - gamma * gamma) * moments[0, b]))
     moved, curvature = _moved(here)
     parts = _places(here, moved, weight, lines.shape[1])
@@ -130,7 +122,7 @@ def assess(lines: Floats, here: Expansion) -> Fit:
     total = max(energy.sum(), 1e-12)
     # The observed curvature of noisy lines varies by chance and may even be negative. The factor by
     # which it enlarges the standard deviation is therefore limited to 1 to `SIGNIFICANT`.
-    curvature = min(max(curvature, 1.0 / SIGNIFICANT), 1.0)
+    curvature = min(max(curvature, 1.0 / spectra.SIGNIFICANT), 1.0)
     variance = _variance(parts[:, 0], energy / total) / curvature**2
     # With weights of amplitude times coherence, a bright edge dominates less than with energies.
     amplitude = energy**1.5 / np.maximum(parts[:, 2], 1e-12)
@@ -138,7 +130,7 @@ def assess(lines: Floats, here: Expansion) -> Fit:
     # With oblique edges or a second motion, neighboring and distant lines shift differently.
     offset = parts[:, 3].sum() / total
     scatter = (parts[:, 3] - offset * parts[:, 1]) / total
-    excess = max(offset**2 - SIGNIFICANT**2 * (scatter * scatter).sum(), 0.0)
+    excess = max(offset**2 - spectra.SIGNIFICANT**2 * (scatter * scatter).sum(), 0.0)
     variance += excess
     coherence = moments[1].sum() / max(moments[0].sum(), 1e-9)
     white = here.inverse[0, 0]
@@ -168,7 +160,7 @@ def _variance(errors: Doubles, share: Doubles) -> float:
     # Student's factor, with the degrees of freedom of a sum with Bartlett's weights. It is limited
     # like that of the curvature.
     freedom = 1.5 / ((_CORRELATED + 1.0) * concentration)
-    variance: float = scatter / max(1.0 - 2.0 / freedom, SIGNIFICANT**-2)
+    variance: float = scatter / max(1.0 - 2.0 / freedom, spectra.SIGNIFICANT**-2)
     return variance
 
 
@@ -189,7 +181,7 @@ def _moved(here: Expansion) -> tuple[Spectrum, float]:
     white = np.zeros_like(cut.spectra)
     for block in range(len(cut.first) - 1):
         i, j = cut.first[block], cut.first[block + 1]
-        whiten(half[i:j] * cut.spectra[i:j], model.edges, model.bands, white[i:j])
+        spectra.whiten(half[i:j] * cut.spectra[i:j], model.edges, model.bands, white[i:j])
     moved = half * here.white - white
     curvature = 0.0
     for r in range(len(moved)):

@@ -16,21 +16,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from linescan_odometry.joint.spectra import (
-    HIGHEST,
-    Doubles,
-    Floats,
-    Spectrum,
-    bands,
-    correlated,
-    covariance,
-    phases,
-    pivots,
-    solve,
-    sum_of,
-    whiten,
-    window,
-)
+from linescan_odometry.joint import spectra
+from linescan_odometry.joint.spectra import Doubles, Floats, Spectrum
 from linescan_odometry.matching.transforms import transform_size
 from omni_platform.kernels import kernel, linked
 
@@ -145,7 +132,7 @@ def _cut(lines: Floats, paths: Doubles, limit: int) -> Cut:
     size = transform_size(max(length, 16))
     part, fraction = np.zeros((row, size), np.float32), np.zeros(row)
     if length > 0:
-        taper = window(length)
+        taper = spectra.window(length)
         for block in range(blocks):
             start = paths[line[first[block]]]
             for r in range(first[block], first[block + 1]):
@@ -153,17 +140,17 @@ def _cut(lines: Floats, paths: Doubles, limit: int) -> Cut:
                 fraction[r] = paths[line[r]] - start - shift
                 begin = highest[block] - shift
                 own, out = lines[line[r], begin : begin + length], part[r, :length]
-                mean = np.float32(sum_of(own) / length)
+                mean = np.float32(spectra.sum_of(own) / length)
                 for i in range(length):
                     out[i] = (own[i] - mean) * taper[i]
-    spectra: Any = np.fft.rfft(part, size, 1)[:, : int(HIGHEST * size)].copy()
-    spectra *= phases(fraction, size, spectra.shape[1])
-    return Cut(spectra, line, first, ground, length, size)
+    cut: Any = np.fft.rfft(part, size, 1)[:, : int(spectra.HIGHEST * size)].copy()
+    cut *= spectra.phases(fraction, size, cut.shape[1])
+    return Cut(cut, line, first, ground, length, size)
 
 
 @kernel
 def _marginalize(
-    spectra: Spectrum, turn: Spectrum, model: _Model, along: Doubles, white: Spectrum
+    lines: Spectrum, turn: Spectrum, model: _Model, along: Doubles, white: Spectrum
 ) -> Doubles:
     """Write the whitened lines of one block to `white`, with the fixed pattern marginalized.
 
@@ -172,7 +159,7 @@ def _marginalize(
     ``u (u' T^-1 z) / c`` is subtracted from the lines.
 
     Args:
-        spectra: spectra of the lines z, shape (m, F); the pattern is subtracted in place.
+        lines: spectra of the lines z, shape (m, F); the pattern is subtracted in place.
         turn: u of each line, shape (m, F).
         model: covariance of the lines.
         along: derivatives of the paths with respect to d and a, shape (2, m).
@@ -181,10 +168,10 @@ def _marginalize(
     Returns:
         Derivatives of ``-log c / 2`` with respect to d and a, shape (2,).
     """
-    m, count = spectra.shape
+    m, count = lines.shape
     fixed = np.zeros((m, count), np.complex64)
-    whiten(turn, model.edges, model.bands, fixed)
-    whiten(spectra, model.edges, model.bands, white)
+    spectra.whiten(turn, model.edges, model.bands, fixed)
+    spectra.whiten(lines, model.edges, model.bands, white)
     total, slope = np.zeros(count, np.complex64), np.zeros((2, count), np.float32)
     pattern = np.zeros(count, np.complex64)
     for k in range(m):
@@ -207,7 +194,7 @@ def _marginalize(
         row, own = white[k], fixed[k]
         for f in range(count):
             row[f] -= own[f] * pattern[f]
-        row, own = spectra[k], turn[k]
+        row, own = lines[k], turn[k]
         for f in range(count):
             row[f] -= own[f] * pattern[f]
     return slopes
@@ -225,7 +212,7 @@ def _turned(cut: Cut, paths: Doubles) -> Spectrum:
     for block in range(len(cut.first) - 1):
         i, j = cut.first[block], cut.first[block + 1]
         shift[i:j] -= paths[cut.line[i]]
-    turn: Spectrum = phases(shift, cut.size, cut.spectra.shape[1])
+    turn: Spectrum = spectra.phases(shift, cut.size, cut.spectra.shape[1])
     return turn
 
 
@@ -292,16 +279,18 @@ def _information(cut: Cut, model: _Model, turn: Spectrum) -> Doubles:
         off, inverse = np.empty(len(first)), np.empty(u.shape)
         pivot = np.empty(len(u))
         for b in range(len(first)):
-            off[b] = pivots(model.bands[:, b], pivot)
+            off[b] = spectra.pivots(model.bands[:, b], pivot)
             inverse[:, b] = pivot
-        q = solve(off, inverse, noise, u)
+        q = spectra.solve(off, inverse, noise, u)
         c = model.precision[middle] + _inner(u, q).real
         total += _trace(along, off, inverse, rho, 2.0 * weight * texture / noise)
         turned, white = np.empty((2, *u.shape), u.dtype), np.empty((2, *u.shape), u.dtype)
         for which in range(2):
             by = along[which].copy().reshape(-1, 1)
-            turned[which] = texture * (by * correlated(rho, q) - correlated(rho, by * q))
-            white[which] = solve(off, inverse, noise, turned[which])
+            turned[which] = texture * (
+                by * spectra.correlated(rho, q) - spectra.correlated(rho, by * q)
+            )
+            white[which] = spectra.solve(off, inverse, noise, turned[which])
         for one in range(2):
             for other in range(2):
                 slopes = _inner(q, turned[one]).imag * _inner(q, turned[other]).imag / c
@@ -398,11 +387,11 @@ def expand(
     along[1] = 0.5 * along[0] ** 2
     paths = motion[0] * along[0] + motion[1] * along[1]
     cut = _cut(lines, paths, limit)
-    edges = bands(cut.size)
+    edges = spectra.bands(cut.size)
     rate = 2.0 * math.pi * np.arange(cut.spectra.shape[1]) / cut.size
     known, contained = _on_grid(precision, cut, n)
     turn, share = rate * motion[0], cut.length / cut.size
-    covariances, moments = covariance(cut.spectra, cut.first, edges, contained, turn, share)
+    covariances, moments = spectra.covariance(cut.spectra, cut.first, edges, contained, turn, share)
     model = _Model(edges, covariances, known, rate, along, paths)
     turned = _turned(cut, paths)
     white, slopes = _slopes(cut, model, turned)

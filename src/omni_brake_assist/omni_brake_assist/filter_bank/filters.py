@@ -3,7 +3,7 @@
 import math
 
 from omni_brake_assist.filter_bank import state as bank
-from omni_brake_assist.filter_bank.state import BIAS_X, BIAS_Y, RATE, STATES, U_X, U_Y, BankMemory
+from omni_brake_assist.filter_bank.state import BIAS_X, BIAS_Y, RATE, STATES, U_X, U_Y
 from omni_platform.kernels import lean
 from omni_platform.quantities import FloatArray
 
@@ -32,7 +32,7 @@ def propagate(state: FloatArray, rate: float, dt: float, force: tuple[bool, floa
 @lean
 def predict(
     constants: bank.BankConstants,
-    memory: BankMemory,
+    memory: bank.BankMemory,
     dt: float,
     force: tuple[bool, float, float],
     braking: bool,
@@ -93,7 +93,7 @@ def variance_along(covariance: FloatArray, h: FloatArray) -> float:
 
 @lean
 def correct(
-    memory: BankMemory, k: int, innovation: float, variance: float, learned: tuple[int, int]
+    memory: bank.BankMemory, k: int, innovation: float, variance: float, learned: tuple[int, int]
 ) -> None:
     """Correct the state ``x`` of a filter with a scalar measurement of ``h . x`` (`BankMemory.h`).
 
