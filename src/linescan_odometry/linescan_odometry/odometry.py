@@ -73,6 +73,7 @@ class LineScanOdometry:
                 cannot be used.
         """
         self._configuration = configuration
+        self._skew = configuration.skew
         try:
             self._sensors = {
                 name: SensorOdometry(sensor, configuration, _tables(configuration, name))
@@ -134,10 +135,7 @@ class LineScanOdometry:
         readings = {name: self._read(name, lines.get(name)) for name in self._sensors}
         measured = {name: self._read_flow(name, flows.get(name)) for name in self._flows}
         readings |= self._views.stopped(self._stamp_ns, readings)
-        estimate = self._estimate(readings, measured)
-        if estimate.measured:
-            self._views.remember(self._stamp_ns, estimate.twist)
-        return estimate
+        return self._estimate(readings, measured)
 
     def warm_up(self) -> None:
         """Compile or load all kernels, so that the first update is as fast as later updates.
@@ -176,8 +174,8 @@ class LineScanOdometry:
     def _stale(self, batch: LineBatch | Flow) -> str:
         """Return a message if a batch is much older than the newest one, else an empty text."""
         age = 1e-9 * (self._stamp_ns - batch.stamp_ns)
-        too_old = age > self._configuration.skew
-        return f"stale: {1e3 * age:.3g} ms older than the newest line" if too_old else ""
+        stale = f"stale: {1e3 * age:.3g} ms older than the newest line"
+        return stale if age > self._skew else ""
 
     def _estimate(
         self, readings: dict[str, SensorReading], flows: dict[str, FlowReading]

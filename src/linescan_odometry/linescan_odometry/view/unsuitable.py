@@ -103,7 +103,8 @@ class UnsuitableViews:
         """Return the readings of cameras whose view is unsuitable, marked as unmeasured.
 
         This is the reading of one occluded camera or, if no camera is occluded, the readings of all
-        cameras over oblique textures. The result is keyed by camera name.
+        cameras over oblique textures. The result is keyed by camera name. If it is empty, the twist
+        is stored, with which later views are compared.
 
         Args:
             stamp_ns: stamp of the readings [ns].
@@ -111,8 +112,11 @@ class UnsuitableViews:
             twist: twist estimated without faulty sensors, shape (3,). With a faulty twist,
                 fault-free cameras would seem occluded.
         """
-        occluded = self._contradicted(readings, twist)
-        return occluded or self._over_oblique_texture(stamp_ns, readings, twist)
+        found = self._contradicted(readings, twist)
+        found = found or self._over_oblique_texture(stamp_ns, readings, twist)
+        if not found:
+            self._remember(stamp_ns, twist)
+        return found
 
     def unconfirmed(
         self, stamp_ns: int, readings: Mapping[str, SensorReading]
@@ -144,7 +148,7 @@ class UnsuitableViews:
             name: reading.rejected(reason) for name, reading in readings.items() if reading.measured
         }
 
-    def remember(self, stamp_ns: int, twist: FloatArray) -> None:
+    def _remember(self, stamp_ns: int, twist: FloatArray) -> None:
         """Store a twist, and integrate the motion of each camera across the camera's axis.
 
         Args:

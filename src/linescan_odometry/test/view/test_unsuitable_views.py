@@ -56,7 +56,6 @@ def readings_over(ground: Ground, way: NDArray[np.float64]) -> Iterator[SensorRe
             SensorReading(0.0, 1e-6, 1.0, 1.0, True), reference_age=age, persistence=persistence
         )
         twist = np.array([0.0, (way[end] - way[end - BATCH]) * RATE / BATCH, 0.0])
-        views.remember(stamp_ns, twist)
         yield views.unsuitable(stamp_ns, {"eye": reading}, twist).get("eye", reading)
 
 
@@ -97,8 +96,8 @@ def test_a_camera_over_an_oblique_texture_leaves_the_others_unconfirmed() -> Non
     # A camera without texture gives no information about the ground.
     assert not views.unconfirmed(0, {"eye": SensorReading.unmeasured("dark"), "other": other})
     later = {"eye": rejected, "other": other}
-    views.remember(10**9 - 10_000_000, np.zeros(3))
+    views.unsuitable(10**9 - 10_000_000, {}, np.zeros(3))
     assert set(views.unconfirmed(10**9, later)) == {"other"}  # a single twist may be accidental
-    views.remember(10**9, np.zeros(3))
+    views.unsuitable(10**9, {}, np.zeros(3))
     assert not views.unconfirmed(10**9 + 10_000_000, later)
     assert set(views.unconfirmed(10**9 + 60_000_000, later)) == {"other"}

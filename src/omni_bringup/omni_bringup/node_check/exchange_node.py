@@ -265,8 +265,7 @@ def feed(
             spoilt = at_fault and phase == "unusable"
             data = _unusable(faulty, message.data) if spoilt else message.data
             stamp = (leading_stamp(data) or 0) + shift
-            due = start + (message.log_ns - begin) / SECOND_NS
-            partner.spin(due)
+            partner.spin(due := start + (message.log_ns - begin) / SECOND_NS)
             start += max(0.0, time.monotonic() - due - _LARGEST_LAG)
             clock.publish(Clock(clock=to_time(message.log_ns + shift)))
             publishers[path].publish(data[:4] + _STAMP.pack(*divmod(stamp, SECOND_NS)) + data[12:])

@@ -271,8 +271,7 @@ def search(
         generations: limit on the number of generations of each search. The first search ends at a
             cost below 1, the second below 0.7^4, where no deviation exceeds 0.7 tolerances.
         refinement: further limit on the number of generations of the second search.
-        sound: whether a vehicle with an `assumption_violation` costs more than any other, which
-            excludes it.
+        sound: whether a vehicle with an `assumption_violation` is excluded.
         on_generation: function called with each generation's number and the lowest cost so far.
 
     Returns:
