@@ -44,12 +44,19 @@ _KEPT_VERSIONS = 3  # versions of a kernel on disk, so that another branch need 
 class KernelCache(FunctionCache):
     """Cache of numba whose file names contain a digest of the code instead of a line number."""
 
-    _impl_class = CompiledKernel
-
     def __init__(self, dispatcher: Dispatcher) -> None:
-        super().__init__(dispatcher.py_func)
-        self._dispatcher = dispatcher
-        del self._cache_file  # made at the first call, when all callees of the kernel are defined
+        # All else is made at the first call: the search for the folder takes time, and only then
+        # are all callees of the kernel defined.
+        self._dispatcher, self._py_func = dispatcher, dispatcher.py_func
+        self.enable()
+
+    @functools.cached_property
+    def _impl(self) -> CompiledKernel:
+        return CompiledKernel(self._py_func)
+
+    @functools.cached_property
+    def _cache_path(self) -> str:
+        return str(self._impl.locator.get_cache_path())
 
     @functools.cached_property
     def _digest(self) -> str:
