@@ -5,17 +5,26 @@ distinguish. Figures are created with matplotlib's objects, never with pyplot. I
 applies ``omni.mplstyle`` to all figures of the process.
 """
 
+from __future__ import annotations
+
 import io
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import matplotlib
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
+from matplotlib import artist
 
 from omni_loop.history import RunHistory
 from omni_platform.configuration import ConfigurationError
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+# The documentation of all properties of each class would take half of matplotlib's import time.
+setattr(artist, "kwdoc", lambda _: "")  # noqa: B010
+setattr(artist.Artist, "_update_set_signature_and_docstring", lambda: None)  # noqa: B010
 
 ORANGE, SKY, GREEN = "#E69F00", "#56B4E9", "#009E73"
 BLUE, VERMILLION, PURPLE = "#0072B2", "#D55E00", "#CC79A7"
@@ -61,6 +70,8 @@ def panels(
     Returns:
         The figure and its axes, shape (rows, columns).
     """
+    from matplotlib.figure import Figure
+
     figure = Figure(figsize=size, layout="constrained")
     grid = figure.subplots(rows, columns, squeeze=False, **kwargs)
     if title:
