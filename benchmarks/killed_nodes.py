@@ -143,9 +143,10 @@ def stop_of(bag: Path) -> tuple[float, float]:
 def main() -> None:
     """Disturb every node by every action at random moments, in both modes."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--moments", type=int, default=20)
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--actions", nargs="+", choices=ACTIONS, default=ACTIONS)
+    parser.add_argument("--moments", type=int, default=20, help="moments for each node and action")
+    parser.add_argument("--seed", type=int, default=1, help="seed of the moments")
+    words = "actions on each node at each moment"
+    parser.add_argument("--actions", nargs="+", choices=ACTIONS, default=ACTIONS, help=words)
     options = parser.parse_args()
     generator = random.Random(options.seed)
     trials: list[tuple[str, Outcome]] = []

@@ -30,7 +30,8 @@ def options(words: str | None, **defaults: Any) -> argparse.Namespace:
     parser.add_argument("--json", action="store_true", help="print one JSON document")
     for name, default in defaults.items():
         kind: Any = {"action": "store_true"} if default is False else {"type": type(default)}
-        parser.add_argument(f"--{name.replace('_', '-')}", default=default, **kind)
+        words = f"default: {default}"
+        parser.add_argument(f"--{name.replace('_', '-')}", default=default, help=words, **kind)
     return parser.parse_args()
 
 

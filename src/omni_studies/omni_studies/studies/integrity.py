@@ -25,7 +25,8 @@ from matplotlib.figure import Figure
 from linescan_odometry.configuration import METHODS, OdometryConfiguration
 from omni_figures import style
 from omni_loop.metrics import Metric
-from omni_platform.configuration import ConfigurationError, parameter
+from omni_platform.command_options import option
+from omni_platform.configuration import parameter
 from omni_studies.claims import limited
 from omni_studies.line_trials import integrity_trials as trials
 from omni_studies.study import StudyResult, StudyRun
@@ -48,14 +49,20 @@ _OF_TIME_OVER = ("asphalt", "concrete", "gravel", "grass", "brick")
 class Options(CampaignOptions):
     """Options of the study ``integrity``: grounds, faults, number of batches, method and seed."""
 
-    grounds: str = parameter(
-        "", description=f"grounds, separated by commas, out of {', '.join(GROUNDS)}; empty for all"
+    grounds: tuple[str, ...] = option(
+        (),
+        metavar="GROUND",
+        choices=tuple(GROUNDS),
+        many=True,
+        description=f"grounds, out of {', '.join(GROUNDS)}; default: all",
     )
-    faults: str = parameter(
-        "",
-        description=f"faults, separated by commas, out of {', '.join(trials.FAULTS)}; empty for "
-        "all. Then no fault is injected over wood, and faults of stamps and lost lines only over a "
-        "few grounds",
+    faults: tuple[str, ...] = option(
+        (),
+        metavar="FAULT",
+        choices=tuple(trials.FAULTS),
+        many=True,
+        description=f"faults, out of {', '.join(trials.FAULTS)}; default: all, but none over wood, "
+        "and faults of stamps and lost lines only over a few grounds",
     )
     batches: int = parameter(
         16,
@@ -162,8 +169,8 @@ class _Drives:
 
 def run(options: Options, study: StudyRun) -> StudyResult:
     """Simulate all test drives over the grounds with the faults; write figure, data and metrics."""
-    grounds = _chosen("--grounds", options.grounds, tuple(GROUNDS))
-    faults = _chosen("--faults", options.faults, tuple(trials.FAULTS))
+    grounds = options.grounds or tuple(GROUNDS)
+    faults = options.faults or tuple(trials.FAULTS)
     work = _Drives(
         grounds, faults, bool(options.faults), options.batches, options.seed, options.method
     )
@@ -189,21 +196,6 @@ def _added_up(drives: Iterable[Drive]) -> dict[tuple[str, str], Drive]:
         cell = drive.ground, drive.fault
         tallies[cell] = tallies[cell].plus(drive) if cell in tallies else drive
     return tallies
-
-
-def _chosen(option: str, words: str, names: tuple[str, ...]) -> tuple[str, ...]:
-    """Return the names in an option; all names if the option is empty.
-
-    Args:
-        option: name of the option, for error messages.
-        words: value of the option, names separated by commas.
-        names: all valid names.
-    """
-    chosen = tuple(word.strip() for word in words.split(",") if word.strip()) or names
-    for word in chosen:
-        if word not in names:
-            raise ConfigurationError(option, f"{word!r} is none of {', '.join(names)}")
-    return chosen
 
 
 def _numbers(counts: Drive) -> tuple[float, ...]:

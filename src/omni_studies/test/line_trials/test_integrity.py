@@ -71,7 +71,16 @@ def test_a_campaign_in_parts_gives_the_same_counts(
 
     def study(folder: str, *words: str) -> dict[str, Metric]:
         (tmp_path / folder).mkdir(exist_ok=True)
-        options = [*words, "--faults", "none,swapped_batches", "--batches", "2", "--workers", "1"]
+        options = [
+            *words,
+            "--faults",
+            "none",
+            "swapped_batches",
+            "--batches",
+            "2",
+            "--workers",
+            "1",
+        ]
         run = StudyRun(ExperimentLibrary(CONFIG), tmp_path / folder)
         return dict(integrity.run(parse_options(integrity.Options, options), run).metrics)
 
