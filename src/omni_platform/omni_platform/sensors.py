@@ -19,6 +19,10 @@ OVERLAP = 0.6
 """Minimum share of the field of view that two consecutive lines must have in common [1]
 (dissertation, section 4.4)."""
 
+COUNT_DEVIATION = 1.0 / math.sqrt(6.0)
+"""Standard deviation of the difference between two counts, each of them rounded down [1]: a rounded
+value has the variance 1/12."""
+
 
 class Mount(Configuration):
     """Mounting of a ground sensor in the body frame, with the uncertainty of the calibration."""

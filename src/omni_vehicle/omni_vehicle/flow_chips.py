@@ -23,6 +23,7 @@ import numpy as np
 
 from omni_platform.configuration import Configuration, ConfigurationError, parameter
 from omni_platform.quantities import FloatArray
+from omni_platform.sensors import COUNT_DEVIATION
 
 PMW3901, PAA5100, OTOS = CHIPS = ("pmw3901", "paa5100", "otos")
 
@@ -227,7 +228,7 @@ class CountingChip:
         # The number of images is `images` rounded up or down, with the mean `images`.
         part = images % 1.0
         unknown_images = math.sqrt(part * (1.0 - part)) / images
-        rounding = speed_of_count / math.sqrt(6.0)  # at both ends
+        rounding = speed_of_count * COUNT_DEVIATION
         deviation = math.hypot(rounding, limits.relative_deviation * speed, unknown_images * speed)
         return FlowSample(
             np.array([*velocity, math.nan]), np.array([deviation, deviation, math.nan]), ""

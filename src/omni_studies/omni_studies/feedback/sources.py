@@ -16,7 +16,7 @@ import numpy as np
 
 from omni_platform import quantities, signals
 from omni_platform.kinematics import PlatformKinematics
-from omni_platform.sensors import FlowSensor, sensor_matrix
+from omni_platform.sensors import COUNT_DEVIATION, FlowSensor, sensor_matrix
 from omni_sim.velocity_sensor import SMALLEST_DEVIATION
 
 MODEL, WHEELS, NOTHING = "model", "wheels", "nothing"
@@ -38,7 +38,7 @@ class Source:
         scale: standard deviation of the constant scale error [1].
         period: period of the samples [s].
         latency: time from the measurement to the message [s].
-        lost: share of the samples that have no measurement [1].
+        lost: share of the samples, or of each flow chip's images, without a measurement [1].
         maximum_speed: limit on the measurable speed [m/s].
         cameras: file in ``config/sensors/`` with line cameras that replace the error model.
         chips: number of flow chips, whose counts replace the white noise of an error model.
@@ -110,6 +110,10 @@ SOURCES = {
         for chip in _CHIPS
         for count in (2, 3)
     },
+    # No source states how many images of a chip are invalid; 5 % of each chip's are assumed.
+    "paa5100_2_lost": dataclasses.replace(
+        _chips("PAA5100JE", 2), label="2 x PAA5100JE, 5 % of images invalid", lost=0.05
+    ),
     # Data sheet: 2.5 m/s, filtered with its IMU; the delay of the filter is assumed.
     "otos": Source("SparkFun OTOS", MODEL, 0.01, 0.02, 0.01, 0.01, latency=0.01, maximum_speed=2.5),
     # Data sheets of such sensors: 0.1 % of the speed, 250 Hz, 6 ms.
@@ -209,7 +213,6 @@ class FlowChips:
         self._matrix = sensor_matrix(
             {str(place): FlowSensor(x=place[0], y=place[1], heading_deg=0.0) for place in places}
         )
-        self._inverse = np.asarray(np.linalg.pinv(self._matrix), np.float64)
         self._scale = 1.0 + source.scale * np.repeat(random.standard_normal(source.chips), 2)
         self._phase = np.repeat(random.uniform(0.0, 1.0, source.chips), 2)
         self._path = random.uniform(0.0, 1.0, 2 * source.chips)  # [counts]
@@ -242,9 +245,13 @@ class FlowChips:
         self._path, self._phase = self._path + moved, passed % 1.0
         newest_ns = stamp_ns - round(1e9 * source.period * float(np.min(self._phase)))
         speed = math.hypot(*twist[:2])
-        if speed > source.maximum_speed:
+        valid = np.repeat(self._random.random(source.chips) >= source.lost, 2)
+        # One chip alone cannot measure the yaw rate.
+        if speed > source.maximum_speed or np.count_nonzero(valid) < 4:
             return signals.TwistSample(newest_ns, np.zeros(3), _UNMEASURED)
-        rounding = 1.0 / (source.counts * source.period * math.sqrt(6.0))  # at both ends
+        rounding = COUNT_DEVIATION / (source.counts * source.period)
         deviation = math.hypot(rounding, source.relative * speed, source.scale * speed)
-        covariance = deviation**2 * self._inverse @ self._inverse.T
-        return signals.TwistSample(newest_ns, self._inverse @ self._velocity, covariance)
+        rows = self._matrix[valid]
+        spread = np.asarray(np.linalg.inv(rows.T @ rows), np.float64)
+        value = spread @ (rows.T @ self._velocity[valid])
+        return signals.TwistSample(newest_ns, value, deviation**2 * spread)

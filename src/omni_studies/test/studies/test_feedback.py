@@ -13,6 +13,7 @@ import pytest
 from omni_loop.experiment import ExperimentLibrary
 from omni_platform.geometry import WheelMount
 from omni_platform.kinematics import PlatformKinematics
+from omni_platform.signals import UNMEASURED_VARIANCE
 from omni_studies.feedback.sources import SOURCES, SourceModel
 from omni_studies.studies import feedback
 from omni_studies.study import StudyRun
@@ -56,6 +57,18 @@ def test_a_slow_source_holds_its_last_sample() -> None:
 def test_a_chip_beyond_its_speed_measures_nothing() -> None:
     assert math.hypot(*TWIST[:2]) > SOURCES["pmw3901_2"].maximum_speed
     assert all(one.covariance[0, 0] >= 1e6 for one in measured("pmw3901_2"))
+
+
+def test_a_third_chip_replaces_one_whose_image_is_invalid() -> None:
+    shares = {}
+    for chips in (2, 3):
+        source = dataclasses.replace(SOURCES[f"paa5100_{chips}"], lost=0.1)
+        model = SourceModel(source, KINEMATICS, 4)
+        twists = [model.measure(10_000_000 * k, 0.5 * TWIST, np.zeros(4)) for k in range(2000)]
+        shares[chips] = np.mean([one.covariance[0, 0] >= UNMEASURED_VARIANCE for one in twists])
+    # All twists require two valid chips.
+    assert shares[2] == pytest.approx(1.0 - 0.9**2, abs=0.03)
+    assert shares[3] == pytest.approx(0.1**3 + 3.0 * 0.9 * 0.1**2, abs=0.01)
 
 
 def test_flow_chips_report_the_whole_counts_between_their_last_images() -> None:
