@@ -6,6 +6,7 @@ from omni_brake_assist.filter_bank import measurement
 from omni_brake_assist.filter_bank import state as bank
 from omni_brake_assist.filter_bank.filters import predict, propagate, variance_along
 from omni_brake_assist.filter_bank.state import RATE, STATES, U_X, U_Y, BankConstants, BankMemory
+from omni_brake_assist.filter_bank.wheels import fuse_wheels
 from omni_platform.kernels import lean
 from omni_platform.quantities import FloatArray
 
@@ -139,7 +140,7 @@ def _advance(constants: BankConstants, memory: BankMemory, target_ns: int) -> No
         record.braked = record.braked + dt if pedal > 0.0 else 0.0
         push = math.hypot(force[1], force[2]) if force[0] else math.nan
         enable, speeds = reading[wheels:], reading[bank.ROW_WHEELS : wheels]
-        measurement.fuse_wheels(constants, memory, dt, pedal, enable, speeds, push)
+        fuse_wheels(constants, memory, dt, pedal, enable, speeds, push)
         measurement.weigh_braking(constants, memory, stamp_ns, pedal)
 
 

@@ -1,67 +1,25 @@
-"""Measurement models of the filter bank.
+"""Measurement models of gyro, twist and braking in the filter bank.
 
 For each source, the functions compute the prediction, the innovation, its variance, the test ratio
 (normalized innovation squared divided by `GATE`) and the log likelihood under each hypothesis about
 the faulty source (see `state`). Gyro and twist are fused only if their test ratio is at most 1; the
-twist of a vehicle without an IMU is always fused. A wheel speed is fused only if the wheel probably
-rolls.
+twist of a vehicle without an IMU is always fused. The module `wheels` fuses the wheel speeds.
 
 A reading of a faulty gyro or twist is modeled as a random walk from the last reading, with steps as
-large as the vehicle's motion allows. A reading of a faulty encoder is uniformly distributed over a
-range of speeds. The likelihoods of hypotheses with and without the source are thus comparable.
+large as the vehicle's motion allows. The likelihoods of hypotheses with and without the source are
+thus comparable.
 """
 
 import math
-from typing import NamedTuple
 
 from omni_brake_assist.filter_bank import state as bank
 from omni_brake_assist.filter_bank.filters import correct, variance_along
-from omni_brake_assist.filter_bank.state import RATE, SCALE, U_X, U_Y, BankConstants, BankMemory
+from omni_brake_assist.filter_bank.state import RATE, U_X, U_Y, BankConstants, BankMemory
 from omni_platform.kernels import lean
 from omni_platform.quantities import FloatArray
 
 GATE = 30.0
 """Normalized innovation squared above which a reading is rejected (5.5 standard deviations) [1]."""
-
-# A released wheel counts as idle while its rim gains less speed than _GAIN [m/s]. An idle wheel
-# either rolls, or its brake still acts. The torque of a released brake only falls. The rim of a
-# sliding wheel may therefore slow down at first, but after its first gain it only gains speed.
-# On ice (friction 0.1, load 2500 N, radius 0.2 m, inertia 1 kg m^2) the speed of a rim rises by
-# _GAIN in 0.01 s. The idle time has a Rayleigh distribution. Its mode is _IDLE / sqrt(2) [s] for a
-# sliding wheel, because the torques of brake and friction are equal only briefly. For a locked
-# wheel it is _HELD / sqrt(2) [s], because the wheel remains locked until the torque of a brake with
-# an unknown lag has fallen below that of friction.
-_GAIN, _IDLE, _HELD = 0.1, 0.05, 0.08
-# Width of the range of readings of a faulty encoder: the width at standstill [m/s], and the
-# increase of the width per vehicle speed [1].
-_SPEED_RANGE, _SPEED_SHARE = 10.0, 2.0
-_EDGE = math.sqrt(GATE) * bank.WHEEL  # tolerance of the range of sliding speeds [m/s]
-# Standard deviation of a driven wheel's slip (share of the vehicle's speed) per specific force:
-# 0.01 times sqrt(40), because the slip is constant over about 40 steps [s^2/m].
-_SLIP = 0.063
-
-
-class _Wheel(NamedTuple):
-    """Model of one wheel in one step.
-
-    Attributes:
-        rolls: prior probability that the wheel rolls [1].
-        slides: prior probability that the wheel slides without being locked [1].
-        locked: likelihood of the reading if the wheel is locked, times the prior probability [s/m].
-        variance: variance of the speed of a rolling rim [m^2/s^2].
-        excess: amount by which the rim can exceed its rolling speed while the tire springs back
-            after the brake has been released [m/s].
-        span: width of the range of readings of a faulty encoder [m/s].
-        limit: largest slip of the wheel, as a share of the rim's speed in rolling [1].
-    """
-
-    rolls: float
-    slides: float
-    locked: float
-    variance: float
-    excess: float
-    span: float
-    limit: float
 
 
 @lean
@@ -210,219 +168,6 @@ def fuse_twist(constants: BankConstants, memory: BankMemory, dt: float, twist: b
         elif record.best not in (k, bank.NO_ESTIMATE):
             bank.reset(memory, k, record.best)
     record.twist_x, record.twist_y, record.twist_rate = value[0], value[1], value[2]
-
-
-@lean
-def fuse_wheels(
-    constants: BankConstants,
-    memory: BankMemory,
-    dt: float,
-    pedal: float,
-    enable: FloatArray,
-    speeds: FloatArray,
-    push: float,
-) -> None:
-    """Correct all filters with the speeds of the wheels that roll.
-
-    A reading is modeled as a mixture of four cases: the wheel rolls; the wheel slides; the wheel is
-    locked, which is possible only while the vehicle brakes; or the encoder is faulty. The rim of a
-    sliding wheel moves at most as fast as in rolling, or slightly faster while the tire springs
-    back after a release. Its lowest speed follows from its largest slip. Each hypothesis assumes
-    that at most one encoder is faulty.
-
-    Args:
-        constants: constants of the vehicle.
-        memory: memory of the bank, changed in place.
-        dt: length of the step [s].
-        pedal: the driver's brake demand, 0 to 1; only if it is not 0 can a wheel be locked.
-        enable: brake enables [1], shape (N,).
-        speeds: wheel speeds [rad/s], shape (N,).
-        push: magnitude of the specific force, NaN without an IMU [m/s^2].
-    """
-    slip = _slip(constants, memory, push)
-    released, rolling, braking = False, False, pedal > 0.0
-    speed = math.hypot(memory.record[0].twist_x, memory.record[0].twist_y)
-    span = _SPEED_RANGE + _SPEED_SHARE * speed
-    # Without an estimate, encoders are as probably faulty as under the best hypothesis.
-    best = min(memory.record[0].best, bank.NO_TWIST)
-    for i in range(speeds.size):
-        rim = constants.roll[i] * speeds[i]
-        change = rim - memory.rim[i]
-        memory.rim[i] = rim
-        memory.wheel_ratio[i] = math.nan
-        load = pedal * enable[i] if enable[i] > bank.RELEASED else 0.0
-        memory.released[i] = 0.0 if load > 0.0 else memory.released[i] + dt
-        if math.isnan(rim):
-            continue
-        acts = not braking or memory.released[i] < constants.spin_up
-        gains = abs(rim) > memory.mark[i] + _GAIN
-        if acts or gains:
-            memory.idle[i], memory.mark[i], memory.gained[i] = 0.0, abs(rim), not acts
-        elif not memory.gained[i]:
-            memory.mark[i] = min(memory.mark[i], abs(rim))
-        memory.idle[i] += dt
-        wheel = _mixture(constants, memory, i, (dt, braking, load), (change, slip, span))
-        faulty, weight = memory.faulty[best, i], constants.wheel_weight
-        likelihood = (1.0 - faulty) * (wheel.locked + 1.0 / span) ** weight
-        memory.evidence[bank.NO_ESTIMATE] += math.log(likelihood + faulty / span**weight)
-        for k in range(bank.FILTERS):
-            possible = _fuse_wheel(constants, memory, i, k, wheel)
-            _update_encoder(constants, memory.faulty[k], i, possible * span)
-        released = released or load == 0.0
-        rolling = rolling or math.isfinite(memory.wheel_ratio[i])
-    record = memory.record[0]
-    record.unsupported += dt if braking and released else 0.0
-    if rolling:
-        record.unsupported = 0.0
-
-
-@lean
-def _slip(constants: BankConstants, memory: BankMemory, push: float) -> float:
-    """Return the standard deviation of the slip of driven wheels [m/s].
-
-    In a stop, it is 0 after the clutches of the drives have opened, because no wheel is driven any
-    more. The argument `push` is that of `fuse_wheels`.
-    """
-    # After the clutch has opened, a driven wheel takes as long to roll as a released one.
-    if memory.record[0].braked >= constants.spin_up:
-        return 0.0
-    # All filters use the slip computed from the state of one. If each filter used its own state,
-    # the one with the lowest yaw rate would have the smallest variance, and thus the largest
-    # likelihood.
-    state = memory.state[bank.NO_TWIST]
-    ground = math.hypot(state[U_X], state[U_Y])
-    return _SLIP * ground * (ground * abs(state[RATE]) if math.isnan(push) else push)
-
-
-@lean
-def _mixture(
-    constants: BankConstants,
-    memory: BankMemory,
-    i: int,
-    step: tuple[float, bool, float],
-    speeds: tuple[float, float, float],
-) -> _Wheel:
-    """Return the model of wheel `i` in this step.
-
-    Args:
-        constants: constants of the vehicle.
-        memory: memory of the bank, changed in place.
-        i: index of the wheel.
-        step: length of the step [s], whether the pedal is down, and brake command of this wheel as
-            a share of the largest torque, 0 while its brake is released [1].
-        speeds: change of the speed of the rim since the last step, standard deviation of the slip
-            of driven wheels, and width of the range of readings of a faulty encoder [m/s].
-    """
-    (dt, braking, load), (change, slip, span) = step, speeds
-    own = bank.WHEEL**2 + slip**2 + (16.0 * change**2 if math.isfinite(change) else 0.0)
-    rolls, slides, excess, locked = 1.0 - bank.PRIOR, bank.PRIOR, 0.0, 0.0
-    if braking:
-        fresh = min(constants.rebound_time / max(memory.released[i], dt), 1.0)
-        own += (constants.rebound * fresh) ** 2
-        # The excess covers 95 % of the readings.
-        excess = 0.0 if load > 0.0 else 2.0 * constants.rebound * fresh
-        slides = stays = 0.5 * (1.0 - bank.PRIOR)  # sliding and locked are equally probable
-        if memory.released[i] >= constants.spin_up:
-            slides *= math.exp(-((memory.idle[i] / _IDLE) ** 2))
-            stays *= math.exp(-((memory.idle[i] / _HELD) ** 2))
-        rolls = 1.0 - slides - stays
-        locked = stays * math.exp(-0.5 * min((memory.rim[i] / bank.WHEEL) ** 2, GATE))
-        locked /= math.sqrt(2.0 * math.pi) * bank.WHEEL
-    limit = _largest_slip(constants, memory, i, dt, load)
-    return _Wheel(rolls, slides, locked, own, excess, span, limit)
-
-
-@lean
-def _largest_slip(
-    constants: BankConstants, memory: BankMemory, i: int, dt: float, load: float
-) -> float:
-    """Return the largest slip of a wheel, as a share of the rim's speed in rolling [1].
-
-    While a wheel keeps its slip, the torques of brake and friction are equal. If the torque of the
-    brake then falls, the slip falls at least by the same share, because friction is a concave
-    function of the slip. The torque follows the command with a lag, so it is between the command
-    and the filtered command.
-
-    Args:
-        constants: constants of the vehicle.
-        memory: memory of the bank, changed in place.
-        i: index of the wheel.
-        dt: length of the step [s].
-        load: brake command of the wheel as a share of the largest torque, 0 while its brake is
-            released [1].
-    """
-    state, rim = memory.state[min(memory.record[0].best, bank.NO_TWIST)], abs(memory.rim[i])
-    ground = constants.n_x[i] * state[U_X] + constants.n_y[i] * state[U_Y]
-    ground = abs(ground + constants.lever[i] * state[RATE]) * (1.0 + state[SCALE])
-    if load == 0.0 or rim < _GAIN or abs(rim - memory.share[i] * ground) > _GAIN:
-        memory.share[i] = min(rim / max(ground, _GAIN), 1.0)
-        memory.torque[i] = memory.most[i] = 0.0
-    memory.torque[i] += dt / (dt + constants.spin_up) * (load - memory.torque[i])
-    memory.most[i] = max(memory.most[i], min(load, memory.torque[i]))
-    torque = max(load, memory.torque[i])
-    return (1.0 - memory.share[i]) * torque / memory.most[i] if torque < memory.most[i] else 1.0
-
-
-@lean
-def _fuse_wheel(
-    constants: BankConstants, memory: BankMemory, i: int, k: int, wheel: _Wheel
-) -> float:
-    """Update the evidence of filter `k` with the speed of wheel `i`.
-
-    If the wheel probably rolls, the filter is also corrected.
-
-    Returns:
-        Likelihood of the reading if the encoder is fault-free [s/m]. The contribution of sliding to
-        it is at most the likelihood of the reading with a faulty encoder.
-    """
-    rolls, slides, locked, own, excess, span, limit = wheel
-    h, state, rim = memory.h, memory.state[k], memory.rim[i]
-    n_x, n_y, lever = constants.n_x[i], constants.n_y[i], constants.lever[i]
-    ground = n_x * state[U_X] + n_y * state[U_Y] + lever * state[RATE]
-    factor = 1.0 + state[SCALE]
-    h[:] = 0.0
-    h[U_X], h[U_Y], h[RATE], h[SCALE] = factor * n_x, factor * n_y, factor * lever, ground
-    variance = own + (bank.SHARE * ground) ** 2
-    predicted = variance_along(memory.covariance[k], h)
-    total = variance + predicted
-    innovation = rim - factor * ground
-    squared = innovation**2 / total
-    rolling = rolls * math.exp(-0.5 * min(squared, GATE)) / math.sqrt(2.0 * math.pi * total)
-    edge = _EDGE + math.sqrt(predicted)
-    fast, turns = (ground, rim) if ground >= 0.0 else (-ground, -rim)
-    least, most = fast * (1.0 - limit) - edge, fast + edge + excess
-    sliding = locked + (slides / (most - least) if least <= turns <= most else 0.0)
-    possible, weight = rolling + sliding, constants.wheel_weight
-    faulty = memory.faulty[k, i]
-    for other in memory.faulty[k]:
-        faulty = min(faulty, bank.PRIOR) if other > faulty else faulty
-    # The exponent is that of `_update_encoder`, so that hypotheses are compared together with the
-    # faults of encoders that they imply.
-    memory.evidence[k] += math.log((1.0 - faulty) * possible**weight + faulty / span**weight)
-    if (1.0 - faulty) * rolling > 0.5 * ((1.0 - faulty) * possible + faulty / span):
-        if k == memory.record[0].best:
-            memory.wheel_ratio[i] = squared / GATE
-        # Driven wheels slip in a turn. They may therefore correct the scale of the wheel radii, but
-        # no bias of another sensor. Without a twist, only the wheels can correct the biases.
-        first = SCALE if memory.record[0].received else bank.BIAS_RATE
-        correct(memory, k, innovation, variance, (first, SCALE))
-    # A reading that sliding could explain is no evidence that the encoder works.
-    return rolling + min(sliding, 1.0 / span)
-
-
-@lean
-def _update_encoder(constants: BankConstants, faults: FloatArray, i: int, odds: float) -> None:
-    """Update the probability that the encoder of wheel `i` is faulty by Bayes' rule.
-
-    Args:
-        constants: constants of the vehicle.
-        faults: probabilities of faulty encoders under a hypothesis, changed in place, shape (N,).
-        i: index of the wheel.
-        odds: ratio of the reading's likelihoods with a fault-free and with a faulty encoder [1].
-    """
-    faulty = faults[i]
-    faulty /= faulty + (1.0 - faulty) * odds**constants.wheel_weight
-    faults[i] = faulty + constants.transition * (bank.PRIOR - faulty)
 
 
 @lean
