@@ -88,13 +88,15 @@ def _receive(constants: Constants, memory: Memory, inputs: Inputs) -> tuple[bool
     good = fail_safe.check_inputs(limits, gate, inputs.now_ns, feedback, braking, weighed)
     gate_open = gate[0].cause == conditions.GOOD
     stamp_ns, twist = feedback.stamp_ns, feedback.value
-    elapsed = since(inputs.now_ns, step.observed_ns) * 1e-9
-    elapsed = min(max(elapsed, 0.0), constants.maximum_time_step)
+    elapsed = min(
+        max(since(inputs.now_ns, step.observed_ns) * 1e-9, 0.0), constants.maximum_time_step
+    )
     step.observed_ns = inputs.now_ns
     pedal = inputs.pedal if braking else 0.0
     step.dead = step.dead if braking else 0
     if constants.fault_detection:
-        chosen = _estimate_motion(constants, memory, inputs, good and gate_open, pedal, elapsed)
+        received = good and (gate_open or gate[0].cause in conditions.OF_LAW)
+        chosen = _estimate_motion(constants, memory, inputs, received, pedal, elapsed)
         step.contradicted = chosen == bank_state.NO_ESTIMATE
         alone = chosen == bank_state.NO_TWIST or not (good and gate_open) or gate[0].uncertain
         step.reckoned = chosen != bank_state.NO_ESTIMATE and alone
@@ -177,8 +179,8 @@ def _estimate_motion(
         constants: constants of the assistant.
         memory: memory of the assistant, changed in place.
         inputs: inputs of this step.
-        received: whether the latest twist is valid and the input gate is open. Otherwise, or if no
-            component of the twist is measured, the twist is ignored.
+        received: whether the latest twist is valid and no earlier twist has closed the input gate.
+            Otherwise, or if no component of the twist is measured, the twist is ignored.
         pedal: the driver's brake demand, 0 while the pedal is up [1].
         dt: time since the previous step [s].
 

@@ -117,6 +117,8 @@ class Condition(NamedTuple):
 ) = range(36)
 GOOD = ASSISTING
 """Condition without a fault."""
+OF_LAW = INTERNAL_ERROR, LAW_ERROR
+"""Conditions of a control law that fails, in which the inputs may be valid."""
 
 _S = AssistState
 _FAILED = "the brake of {wheel} does not act (check brake, valve and wiring)"

@@ -16,9 +16,11 @@ from omni_brake_assist.brake_assist import (
     BrakeDemand,
     Decision,
 )
+from omni_brake_assist.sources import FUSED
 from omni_platform.configuration import ConfigurationError
 from omni_platform.geometry import WheelMount
-from omni_platform.signals import TwistSample, WheelSample
+from omni_platform.kinematics import PlatformKinematics
+from omni_platform.signals import ImuSample, TwistSample, WheelSample
 
 Wheels = dict[str, WheelMount]
 
@@ -169,6 +171,26 @@ def test_a_law_that_fails_has_all_brakes_on(
     assert reason in first.reason
     for decision in decisions:
         np.testing.assert_array_equal(decision.enable, 1.0)
+
+
+@pytest.mark.parametrize("imu", [True, False])
+def test_the_twist_stays_fused_while_a_law_fails(mecanum: Wheels, module: str, imu: bool) -> None:
+    configuration = BrakeAssistConfiguration(wheels=mecanum, law=f"{module}:BrokenToo")
+    assist, kinematics = BrakeAssist(configuration), PlatformKinematics(mecanum)
+    for step in range(60):
+        stamp_ns, braked = step * 10_000_000, max(step - 30, 0)
+        twist = np.array([5.0 - 0.01 * braked, 0.0, 0.0])
+        decision = assist.update(
+            BrakeDemand(
+                stamp_ns,
+                1.0 if braked else 0.0,
+                TwistSample(stamp_ns, twist, 1e-6 * np.eye(3)),
+                WheelSample(stamp_ns, kinematics.wheel_speeds(twist)),
+                ImuSample(stamp_ns, 0.0, np.array([-float(braked > 0), 0.0])) if imu else None,
+            )
+        )
+    assert decision.state is AssistState.INTERNAL_ERROR
+    assert {source.state for source in assist.sources() if source.name == "twist"} == {FUSED}
 
 
 def test_the_first_fault_is_shown_once_with_its_place_in_the_law_s_file(
