@@ -2,6 +2,8 @@
 
 import os
 import signal
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 from omni_platform.exit_codes import ExitCode
 
@@ -20,16 +22,21 @@ def leave_at_once_on_signals() -> None:
     signal.pthread_sigmask(signal.SIG_UNBLOCK, _SIGNALS)  # the launcher has blocked the signals
 
 
-def clean_up_on_signals() -> None:
+@contextmanager
+def clean_up_on_signals() -> Iterator[None]:
     """Make signals raise `KeyboardInterrupt` or `SystemExit`, so that a command ends its nodes.
 
-    This function must be called after the last import, because such an exception could interrupt an
-    import.
+    The block should not import large modules, because such an exception could interrupt an import.
+    At its end, signals end the process at once again.
     """
-    if signal.getsignal(signal.SIGINT) == _leave:
-        signal.signal(signal.SIGINT, signal.default_int_handler)
-    if signal.getsignal(signal.SIGTERM) == _leave:
-        signal.signal(signal.SIGTERM, _terminate)
+    changed = [number for number in _SIGNALS if signal.getsignal(number) == _leave]
+    for number in changed:
+        signal.signal(number, _raise)
+    try:
+        yield
+    finally:
+        for number in changed:
+            signal.signal(number, _leave)
 
 
 def _leave(number: int, _: object) -> None:
@@ -38,5 +45,7 @@ def _leave(number: int, _: object) -> None:
     os._exit(128 + number)
 
 
-def _terminate(*_: object) -> None:
+def _raise(number: int, _: object) -> None:
+    if number == signal.SIGINT:
+        raise KeyboardInterrupt
     raise SystemExit(ExitCode.TERMINATED)

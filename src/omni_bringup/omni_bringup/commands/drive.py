@@ -73,7 +73,6 @@ def run(options: Options, workspace: Workspace) -> command_report.Report:
     from omni_bringup.graph.run_variant import write_beside_bag
     from omni_ros.environment import node_environment
 
-    interruption.clean_up_on_signals()
     library = workspace.experiment_library()
     parameters: dict[str, Any] = {
         "max_speed": options.max_speed,
@@ -92,6 +91,7 @@ def run(options: Options, workspace: Workspace) -> command_report.Report:
         # A recording contains one vehicle on one ground, so the page then offers no choices.
         choices = {} if folder else _choices(library, options, configuration)
         with (
+            interruption.clean_up_on_signals(),
             reserved_domain() as domain,
             tempfile.TemporaryDirectory(prefix="omni-") as scratch,
             ProcessGroup(node_environment(domain)) as group,

@@ -125,13 +125,12 @@ def _run_variants(
     from omni_bringup.graph.run_variant import finish_runs, run_variant
     from omni_loop.experiment import short_name
 
-    interruption.clean_up_on_signals()
     # This check runs during the first run, because it would otherwise delay the start.
     note = cache(lambda: workspace.check(configurations.values()))
     shares = dict.fromkeys(configurations, 0.0)
-    results = {}
+    results, name = {}, short_name(options.experiment)
     try:
-        with progress_bar(short_name(options.experiment)) as show:
+        with interruption.clean_up_on_signals(), progress_bar(name) as show:
 
             def on_progress(variant: str, report: Mapping[str, float]) -> None:
                 shares[variant] = report["share"]
