@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import tempfile
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -104,12 +105,15 @@ def make_folder(folder: Path) -> Path:
     """Create a folder before its results are computed, and return its absolute path.
 
     Raises:
-        ConfigurationError: the folder cannot be created.
+        ConfigurationError: the folder cannot be created, or is not writable.
     """
+    action = "make"
     try:
         folder.mkdir(parents=True, exist_ok=True)
+        action = "write to"
+        tempfile.TemporaryFile(dir=folder).close()
     except OSError as error:
-        raise ConfigurationError("--out", f"cannot make {folder}: {error.strerror}") from None
+        raise ConfigurationError("--out", f"cannot {action} {folder}: {error.strerror}") from None
     return folder.resolve()
 
 

@@ -30,6 +30,11 @@ def workspace(monkeypatch: pytest.MonkeyPatch) -> None:
         (["run", "--json", "--set", "vehicle.load.mass=-1"], "run", "-1 kg is out of range"),
         (["bag", "info", "nowhere", "--json"], "bag_info", "nowhere: there is no such"),
         (["ros-params", "no.yaml", "--out", "x", "--json"], "ros-params", "cannot read no.yaml"),
+        (
+            ["report", "nowhere", "--out", "/proc/x.html", "--json"],
+            "report",
+            "cannot write to /proc",
+        ),
         (["study", "tabel2", "--json"], "study", "'tabel2' is not one of"),
         (["limit", "--out", "x", "--json"], "limit", "can only be used with --best"),
     ],

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from omni_bringup.command_report import Report, printable, write_text
+from omni_bringup.command_report import Report, make_folder, printable, write_text
 from omni_bringup.workspace import Workspace
 from omni_platform.command_options import CommandOptions, option
 from omni_platform.configuration import ConfigurationError
@@ -42,6 +42,7 @@ def run(options: Options, _workspace: Workspace) -> Report:
     file: Path = options.out or options.bags[0].resolve().parent / "report.html"
     if file.suffix not in _SUFFIXES:
         raise ConfigurationError("--out", f"{file} must end in {' or '.join(_SUFFIXES)}")
+    make_folder(file.parent)
     runs: list[ReportedRun] = []
     seen: dict[str, bytes] = {}
     names = run_names(options.bags)
