@@ -185,6 +185,7 @@ def measure(configurations: Mapping[str, ExperimentConfiguration]) -> dict[str, 
 
 
 _SKIPPED = 100.0  # cost of a case that is skipped
+_REFINEMENT = 60  # limit on the number of generations of the second search
 
 
 def assumption_violation(vehicle: VehicleConfiguration) -> float:
@@ -254,7 +255,6 @@ def search(
     start: Parameters | None = None,
     seed: int,
     generations: int,
-    refinement: int = 60,
     sound: bool = False,
     on_generation: Callable[[int, float], None] = lambda _generation, _cost: None,
 ) -> dict[str, float]:
@@ -269,8 +269,8 @@ def search(
         start: candidate near which the second search begins; if given, the first search is omitted.
         seed: seed of all random numbers.
         generations: limit on the number of generations of each search. The first search ends at a
-            cost below 1, the second below 0.7^4, where no deviation exceeds 0.7 tolerances.
-        refinement: further limit on the number of generations of the second search.
+            cost below 1, the second below 0.7^4, where no deviation exceeds 0.7 tolerances; the
+            second search has at most `_REFINEMENT` generations.
         sound: whether a vehicle with an `assumption_violation` is excluded.
         on_generation: function called with each generation's number and the lowest cost so far.
 
@@ -306,4 +306,4 @@ def search(
 
     found = start or evolve([(one.low, one.high) for one in QUANTITIES], 2, 1.0, generations)
     near = [quantity.near(found[quantity.name]) for quantity in QUANTITIES]
-    return evolve(near, 4, 0.7**4, min(generations, refinement))
+    return evolve(near, 4, 0.7**4, min(generations, _REFINEMENT))
