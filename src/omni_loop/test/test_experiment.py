@@ -196,6 +196,7 @@ def test_a_malformed_override_is_refused(text: str) -> None:
         ("[1, 2]", "must contain a mapping"),
         ("vehicle: [", "is not valid YAML"),
         ("vehicle: mecanum_forklift", "at least one named variant"),
+        ("variants: {assisted: {maneuver: {'': 3}}}", "maneuver.'': is not a known key"),
         ("wheels: {front: {x: 1.0}}", "describes a vehicle; give it as --vehicle"),
         ("vehicle: mecanum_forklift\nvariants: {assisted: 3}", "variants.assisted: 3 is not a"),
         ("seed: 1\nvariants: {assisted: {}}\nseed: 2", "the key 'seed' is given twice in line 3"),

@@ -271,7 +271,8 @@ def from_mapping(cls: type[C], mapping: Mapping[str, Any], key: str = "") -> C:
     declared = {name: kind for name, kind, _ in declared_parameters(cls)}
     for name in mapping:
         if name not in declared:
-            raise ConfigurationError(join_key(key, str(name)), _unknown_key(str(name), declared))
+            shown = str(name) or "''"
+            raise ConfigurationError(join_key(key, shown), _unknown_key(shown, declared))
     values: dict[str, Any] = {}
     for name, kind in declared.items():
         if name in mapping:

@@ -102,8 +102,9 @@ def load_class(
     found = getattr(module, class_name, None)
     if not isinstance(found, type):
         classes = [entry for entry, value in vars(module).items() if isinstance(value, type)]
+        known = ", ".join(classes) or "none"
         raise ConfigurationError(
-            key, f"{name!r}: {module_name} has no class {class_name!r}; it has {', '.join(classes)}"
+            key, f"{name!r}: {module_name} has no class {class_name!r}; it has {known}"
         )
     lacking = [method for method in methods if not callable(getattr(found, method, None))]
     if lacking:

@@ -54,6 +54,7 @@ def test_an_installed_package_offers_names(module: str, monkeypatch: pytest.Monk
         ("broken_part:Part", "OSError: no such device"),
         ("parts_in_a_folder:Prat", "it has Part, Other"),
         ("parts_in_a_folder:", "it has Part, Other"),
+        ("math:pi", "it has none"),
         (":Part", "ValueError"),
         ("parts_in_a_folder:Other", "has no method 'act'"),
     ],

@@ -282,7 +282,7 @@ def read_plain_yaml(text: str) -> Any:
     try:
         return load(text, Loader=SafeLoader)
     except (yaml.YAMLError, RecursionError, ValueError) as error:
-        problem = " ".join(str(error).split())[:200]
+        problem = " ".join(str(error).replace('in "<unicode string>", ', "in ").split())[:200]
         raise ValueError(f"is not valid YAML: {problem}") from None
 
 
