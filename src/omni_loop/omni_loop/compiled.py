@@ -7,6 +7,7 @@ halves of a step, and a source of the twist in Python between two steps.
 """
 
 import dataclasses
+import functools
 import math
 from collections.abc import Callable
 from typing import NamedTuple
@@ -16,6 +17,7 @@ from numpy.typing import NDArray
 
 from omni_brake_assist import assist_state, assist_step
 from omni_brake_assist.conditions import GOOD
+from omni_brake_assist.configuration import LAWS
 from omni_brake_assist.laws.law import NO_HELP, Law, call_law, own_law
 from omni_loop.experiment import ExperimentConfiguration
 from omni_loop.history import RunHistory, without_jumps
@@ -127,14 +129,12 @@ def run_fast_loop(
 
     Args:
         configuration: configuration of the whole loop.
-        source: source that replaces the velocity sensor; the control law must then be a built-in
-            one. None to use the velocity sensor.
+        source: source that replaces the velocity sensor, for built-in laws only; None for none.
 
     Raises:
-        ConfigurationError: the feedback is optical, the sampling period of the velocity sensor is
-            too long for the assistant, or a user's law is combined with `source`.
+        ConfigurationError: the feedback is optical, or a user's law is combined with `source`.
     """
-    _check(configuration)
+    _check(configuration, source)
     driver = ScriptedDriver(configuration.maneuver)
     ground, simulation = configuration.ground, configuration.simulation
     friction = FrictionMap(ground.friction, ground.patches)
@@ -148,12 +148,12 @@ def run_fast_loop(
     assist = assist_state.make_constants(configuration.brake_assist, vehicle.kinematics.geometry)
     memory = assist_state.new_memory(len(vehicle.wheel_names))
     law = own_law(configuration.brake_assist, vehicle.kinematics.geometry)
-    if law is not None and source is not None:
-        raise ConfigurationError("brake_assist.law", "must be built in, as the source is in Python")
+    advance = _run_part if law is None else functools.partial(_run_own, law)
+    if source is not None:
+        advance = functools.partial(_run_measured, source)
     sensors = _sensors(configuration, stamps, len(vehicle.wheel_names))
-    if loop.measures:
-        seed = np.random.SeedSequence(configuration.seed).spawn(3)[2]  # stream as in the simulator
-        noise = np.random.default_rng(seed)
+    seed = np.random.SeedSequence(configuration.seed).spawn(3)[2]  # stream as in the simulator
+    noise = np.random.default_rng(seed)
     scratch = _new_scratch(len(vehicle.wheel_names), loop.steps)
     run = _Run(vehicle.state, assist, memory, sensors, loop, scratch, record)
     onsets = np.ceil(np.round(1e9 * vehicle.brake_fault_onsets) / loop.period_ns).astype(int)
@@ -162,11 +162,7 @@ def run_fast_loop(
     for last in sorted({*range(_CHUNK, stamps, _CHUNK), *changes, stamps}):
         if loop.measures and used % _CHUNK == 0:  # in chunks, as most runs are short
             noise.standard_normal(out=sensors.noise)
-        part = (run, used, last)
-        if source is not None:
-            used, outcome = _run_measured(source, *part)
-        else:
-            used, outcome = _run_part(*part) if law is None else _run_own(law, *part)
+        used, outcome = advance(run, used, last)
         if outcome != run_progress.RUNNING:
             break
         vehicle.apply_brake_faults(used * loop.period_ns * 1e-9)
@@ -187,7 +183,7 @@ def run_fast_loop(
     )
 
 
-def _check(configuration: ExperimentConfiguration) -> None:
+def _check(configuration: ExperimentConfiguration, source: TwistSource | None) -> None:
     if configuration.feedback != "velocity_sensor":
         raise ConfigurationError(
             "feedback", f"is {configuration.feedback}, must be velocity_sensor in the fast loop"
@@ -197,6 +193,8 @@ def _check(configuration: ExperimentConfiguration) -> None:
             "vehicle.wheel_model", "is mujoco, which the fast loop does not support"
         )
     limits = configuration.brake_assist
+    if source is not None and limits.law not in LAWS:
+        raise ConfigurationError("brake_assist.law", "must be built in, as the source is in Python")
     if list(limits.wheels.items()) != list(configuration.vehicle.wheels.items()):
         raise ConfigurationError("brake_assist.wheels", "must be those of the vehicle")
 
