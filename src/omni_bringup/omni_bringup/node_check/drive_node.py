@@ -43,7 +43,7 @@ def receive_drive(
         while time.monotonic() < until:
             for topic in [topic for topic in unseen if partner.publishers(topic.name)]:
                 qos = _LOSSLESS if all(partner.publishers(topic.name)) else BEST_EFFORT
-                seen |= subscribe(partner, {topic.name: topic}, qos)
+                seen[topic.name] = subscribe(partner, topic, qos)
                 unseen.remove(topic)
             partner.spin(time.monotonic() + _DISCOVERY)
         late = time.monotonic() > deadline

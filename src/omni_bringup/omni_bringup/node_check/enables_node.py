@@ -59,7 +59,7 @@ class Enables:
         for key, topic in watched.items():
             publishers = partner.publishers(topic.path)
             profile = qos.RELIABLE if all(publishers) else qos.BEST_EFFORT
-            seen[key] = Received(subscribe(partner, {key: topic}, profile)[key], publishers)
+            seen[key] = Received(subscribe(partner, topic, profile), publishers)
         last_gap = time.monotonic() + duration - CONTRACT.longest_gap
         while alive() and (now := time.monotonic()) < last_gap:
             partner.spin(min(last_gap, now + 0.1))

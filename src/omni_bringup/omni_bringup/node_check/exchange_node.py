@@ -11,7 +11,6 @@ import struct
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -310,27 +309,23 @@ def _exchange(
     return exchange
 
 
-def subscribe(
-    partner: Partner, topics: Mapping[str, Topic], qos: QoSProfile
-) -> dict[str, list[tuple[int, Any]]]:
-    """Subscribe to topics; return a list for each, to which received messages are appended.
+def subscribe(partner: Partner, topic: Topic, qos: QoSProfile) -> list[tuple[int, Any]]:
+    """Subscribe to a topic; return the list to which received messages are appended.
 
     An entry consists of the time of publication [ns] and the message. Unlike the time of reception,
     the time of publication does not depend on how long messages wait in this process.
 
     Args:
         partner: node of this process, which subscribes.
-        topics: topics to subscribe to, keyed by any text; the result has the same keys.
-        qos: quality of service of the subscriptions.
+        topic: topic to subscribe to.
+        qos: quality of service of the subscription.
     """
-    seen: dict[str, list[tuple[int, Any]]] = {key: [] for key in topics}
+    seen: list[tuple[int, Any]] = []
 
-    def keep(key: str, message: Any, info: dict[str, int]) -> None:
-        seen[key].append((info["source_timestamp"], message))
+    def keep(message: Any, info: dict[str, int]) -> None:
+        seen.append((info["source_timestamp"], message))
 
-    for key, topic in topics.items():
-        kind = message_class(topic.type)
-        partner.node.create_subscription(kind, topic.ros_name, partial(keep, key), qos)
+    partner.node.create_subscription(message_class(topic.type), topic.ros_name, keep, qos)
     return seen
 
 
