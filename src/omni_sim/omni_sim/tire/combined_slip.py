@@ -11,11 +11,17 @@ the force ``(F cos phi, F sin phi)``. The five numbers of this curve change smoo
 the numbers of the longitudinal curve to the numbers of the lateral curve, so no further parameters
 are needed. Along either axis, the result is exactly the curve of that axis. A friction factor
 scales both curves and therefore the result.
+
+Every other tire model has one curve that is used in all directions: the force is opposite to the
+slip (`passive_parameters`, `curve_in_direction`).
 """
 
 import math
+from typing import Any
 
 import numpy as np
+from numba import types
+from numba.extending import overload
 from numpy.typing import ArrayLike
 
 from omni_platform.kernels import lean
@@ -23,6 +29,7 @@ from omni_platform.quantities import FloatArray, Pair
 from omni_sim.tire.interface.model import flat_together
 from omni_sim.tire.models import tmeasy
 from omni_sim.tire.models.tmeasy import CurvePoint, TMeasyParameters
+from omni_sim.tire.tire import TireConfiguration
 
 
 @lean
@@ -62,29 +69,6 @@ def combined_curve(x: CurvePoint, y: CurvePoint, norms: Pair, q: Pair) -> CurveP
 
 
 @lean
-def combined_force(x: CurvePoint, y: CurvePoint, slip_x: float, slip_y: float) -> Pair:
-    """Return the steady force, with the signs of the slips.
-
-    Args:
-        x: longitudinal curve at the wheel's load, from `tmeasy.curve_at`.
-        y: lateral curve at the wheel's load.
-        slip_x: longitudinal slip, Eq. (1) [1].
-        slip_y: lateral slip, Eq. (2) [1].
-
-    Returns:
-        Longitudinal and lateral force [N].
-    """
-    norms = slip_norms(x, y)
-    along, across = slip_x / norms[0], slip_y / norms[1]
-    slip = math.hypot(along, across)
-    if slip == 0.0:
-        return 0.0, 0.0
-    q = along / slip, across / slip
-    force = tmeasy.force_at(combined_curve(x, y, norms, q), slip)[0]
-    return force * q[0], force * q[1]
-
-
-@lean
 def _combined_forces(
     x: TMeasyParameters,
     y: TMeasyParameters,
@@ -107,7 +91,13 @@ def _combined_forces(
         clamped = min(max(load[i], 0.0), largest_load)
         at_x = tmeasy.curve_at(x, clamped, friction[i])
         at_y = tmeasy.curve_at(y, clamped, friction[i])
-        force[i] = combined_force(at_x, at_y, slip_x[i], slip_y[i])
+        norms = slip_norms(at_x, at_y)
+        along, across = slip_x[i] / norms[0], slip_y[i] / norms[1]
+        slip, magnitude, q = math.hypot(along, across), 0.0, (0.0, 0.0)
+        if slip > 0.0:
+            q = along / slip, across / slip
+            magnitude = tmeasy.force_at(combined_curve(at_x, at_y, norms, q), slip)[0]
+        force[i] = magnitude * q[0], magnitude * q[1]
 
 
 def combined_forces(
@@ -135,3 +125,43 @@ def combined_forces(
     x, y = (TMeasyParameters(tmeasy.direction_coefficients(tire, axis)) for axis in ("x", "y"))
     _combined_forces(x, y, tire.nominal_load_2, tuple(flat), force)
     return force.reshape((*shape, 2))
+
+
+def passive_parameters(tire: TireConfiguration) -> Any:
+    """Return the constants of a tire's model for the direction across the roller's axis.
+
+    Args:
+        tire: tire of the rollers.
+    """
+    if tire.model != "tmeasy":
+        return tire.kernel_parameters
+    return TMeasyParameters(tmeasy.direction_coefficients(tire.tmeasy, "y"))
+
+
+def curve_in_direction(active: Any, passive: Any, q: Pair) -> tuple[Any, Pair]:
+    """Return the curve over normalized slip in a direction; also callable in kernels.
+
+    Args:
+        active: curve along the roller's axis, from `model.curve_at`.
+        passive: curve across the roller's axis.
+        q: unit vector of the normalized slip, active and passive component [1].
+
+    Returns:
+        Curve of the same model; factors that normalize the slips along both axes [1].
+    """
+    if isinstance(active, CurvePoint):
+        norms = slip_norms(active, passive)
+        return combined_curve(active, passive, norms, q), norms
+    return active, (1.0, 1.0)
+
+
+@overload(curve_in_direction)
+def _compile_curve_in_direction(active, passive, q):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202, ARG001
+    if isinstance(active, types.BaseNamedTuple) and active.instance_class is CurvePoint:
+
+        def combined(active, passive, q):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+            norms = slip_norms(active, passive)
+            return combined_curve(active, passive, norms, q), norms
+
+        return combined
+    return lambda active, passive, q: (active, (1.0, 1.0))  # noqa: ARG005

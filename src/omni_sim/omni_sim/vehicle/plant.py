@@ -9,7 +9,7 @@ from omni_platform.geometry import cross
 from omni_platform.kinematics import PlatformKinematics
 from omni_platform.quantities import FloatArray
 from omni_sim.ground.friction import FrictionMap
-from omni_sim.tire.roller import passive_parameters
+from omni_sim.tire.combined_slip import passive_parameters
 from omni_sim.vehicle import state
 from omni_sim.vehicle.configuration import VehicleConfiguration
 from omni_sim.vehicle.loads import GRAVITY, MassProperties, load_plane, support_polygon, wheel_loads
