@@ -214,10 +214,7 @@ class SensorOdometry:
     """Measures the velocity of one line camera along its axis."""
 
     def __init__(
-        self,
-        sensor: LineSensor,
-        configuration: OdometryConfiguration,
-        tables: Path | None = None,
+        self, sensor: LineSensor, configuration: OdometryConfiguration, tables: Path | None = None
     ) -> None:
         """Create the processing steps for one camera.
 

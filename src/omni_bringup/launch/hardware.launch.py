@@ -52,10 +52,7 @@ def started(node: HardwareNode, given: dict[str, str]) -> list[Any]:
         output="screen",
     )
     on_exit = partial(ended, node, given)
-    return [
-        RegisterEventHandler(OnProcessExit(target_action=process, on_exit=on_exit)),
-        process,
-    ]
+    return [RegisterEventHandler(OnProcessExit(target_action=process, on_exit=on_exit)), process]
 
 
 def ended(node: HardwareNode, given: dict[str, str], event: Any, context: Any) -> list[Any]:

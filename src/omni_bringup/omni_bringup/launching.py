@@ -79,10 +79,7 @@ def _start(mode: str, context: Any) -> list[Any]:
             output="screen",
         )
         on_exit = partial(_on_exit, plan, ended, process.name)
-        actions += [
-            RegisterEventHandler(OnProcessExit(target_action=node, on_exit=on_exit)),
-            node,
-        ]
+        actions += [RegisterEventHandler(OnProcessExit(target_action=node, on_exit=on_exit)), node]
     return actions
 
 

@@ -105,8 +105,7 @@ def open_vehicle(path: Path | str) -> Bag:
     if len(found) > 1:
         names = ", ".join(sorted(name or "/" for name in found))
         raise BagError(
-            bag.path,
-            f"contains the vehicles {names}; `ros2 bag convert` can extract one of them",
+            bag.path, f"contains the vehicles {names}; `ros2 bag convert` can extract one of them"
         )
     return dataclasses.replace(bag, namespace=found.pop() if found else "")
 

@@ -26,11 +26,7 @@ from omni_ros.process import run_process, spin_until_stopped
 from omni_ros.publisher_guard import PublisherGuard
 from omni_ros.qos import RECENT, advertise, subscribe
 from omni_ros.status import ERROR, OK, Status, StatusReporter, steady_clock
-from omni_vehicle.brake_adapter import (
-    BrakeAdapter,
-    BrakeAdapterConfiguration,
-    WheelDemand,
-)
+from omni_vehicle.brake_adapter import BrakeAdapter, BrakeAdapterConfiguration, WheelDemand
 
 _ARRAY, _BOOL = "std_msgs/msg/Float64MultiArray", "std_msgs/msg/Bool"
 _PEDALS = {

@@ -100,8 +100,7 @@ class ArraySource:
             raise ConfigurationError("source", f"{path} cannot be read: {error}") from None
         if self._pictures.ndim != 3:
             raise ConfigurationError(
-                "source",
-                f"{path} has {self._pictures.ndim} dimensions; pictures must have three",
+                "source", f"{path} has {self._pictures.ndim} dimensions; pictures must have three"
             )
         self._next = 0
 

@@ -61,10 +61,7 @@ def mark_inliers(
 
 
 def find_inliers(
-    displacement: FloatArray,
-    usable: BoolArray,
-    group_lines: int,
-    tolerance: float,
+    displacement: FloatArray, usable: BoolArray, group_lines: int, tolerance: float
 ) -> tuple[BoolArray, float]:
     """Return whether each displacement is an inlier, shape (m,), and the share of inliers, 0 to 1.
 

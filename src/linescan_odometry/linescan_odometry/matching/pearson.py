@@ -62,10 +62,7 @@ class PearsonSearch:
         """Do nothing, since every pair is searched independently."""
 
     def match(
-        self,
-        lines: Lines,
-        shift: NDArray[np.int64],
-        similarity: NDArray[np.float64],
+        self, lines: Lines, shift: NDArray[np.int64], similarity: NDArray[np.float64]
     ) -> None:
         """Find the shift of each line; implements `search.ShiftSearch.match`."""
         length = int(transform_size(lines.shape[1] + self._limit))
@@ -77,11 +74,7 @@ class PearsonSearch:
 
 @kernel
 def _match(
-    lines: Lines,
-    limit: int,
-    length: int,
-    shift: NDArray[np.int64],
-    similarity: NDArray[np.float64],
+    lines: Lines, limit: int, length: int, shift: NDArray[np.int64], similarity: NDArray[np.float64]
 ) -> None:
     """Find the shift of each of these lines from the previous one.
 

@@ -83,11 +83,7 @@ class SubpixelRefiner:
 
 @kernel
 def _refine(
-    lines: Lines,
-    shift: IntArray,
-    sigma: float,
-    displacement: FloatArray,
-    errors: FloatArray,
+    lines: Lines, shift: IntArray, sigma: float, displacement: FloatArray, errors: FloatArray
 ) -> None:
     """Refine the shift of every pair by Gauss-Newton steps.
 

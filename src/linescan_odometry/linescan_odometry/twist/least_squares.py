@@ -70,10 +70,7 @@ class TwistSolver:
     """Estimates the twist of base_link from sensor velocities."""
 
     def __init__(
-        self,
-        sensors: Mapping[str, Mount],
-        minimum_lever: float,
-        axle: float | None = None,
+        self, sensors: Mapping[str, Mount], minimum_lever: float, axle: float | None = None
     ) -> None:
         """Create the solver for the given sensors and, if there is one, an unsteered axle.
 

@@ -39,10 +39,7 @@ def run(options: Options, _workspace: workspace.Workspace) -> command_report.Rep
         for path, base in zip(options.bags, run_names(options.bags), strict=True)
         for name, metrics in compared_runs(path, base).items()
     }
-    limits = {
-        "stopping_distance": options.max_distance,
-        "orientation_change": options.max_rotation,
-    }
+    limits = {"stopping_distance": options.max_distance, "orientation_change": options.max_rotation}
     missed = []
     for name, metrics in columns.items():
         for key, limit in limits.items():

@@ -148,11 +148,7 @@ def _choices(
 def _compose(
     library: ExperimentLibrary, options: Options, workspace: Workspace
 ) -> ExperimentConfiguration:
-    chosen = {
-        "vehicle": options.vehicle,
-        "ground": options.ground,
-        "brake_assist.law": options.law,
-    }
+    chosen = {"vehicle": options.vehicle, "ground": options.ground, "brake_assist.law": options.law}
     changes = [f"{key}={value}" for key, value in chosen.items() if value is not None]
     changes += [*(typical_changes(options.brakes) if options.brakes else ()), *options.overrides]
     configuration = library.load(options.experiment, overrides=changes)

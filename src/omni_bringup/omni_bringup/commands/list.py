@@ -22,10 +22,7 @@ class Options(CommandOptions):
     """Options of ``omni list``."""
 
     kinds: tuple[str, ...] = option(
-        (),
-        positional=True,
-        metavar="KIND",
-        description=f"one of {', '.join(EVERY)} (default: all)",
+        (), positional=True, metavar="KIND", description=f"one of {', '.join(EVERY)} (default: all)"
     )
 
 

@@ -59,7 +59,4 @@ def run(options: Options, workspace: Workspace) -> Report:
     if warning:
         workspace.note(warning)
     written = write_parameters(hardware, make_folder(options.out), warning)
-    return Report(
-        details={"files": list(map(str, written))},
-        text=map(str, written),
-    )
+    return Report(details={"files": list(map(str, written))}, text=map(str, written))

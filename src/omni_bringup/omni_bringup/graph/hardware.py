@@ -10,11 +10,7 @@ from typing import Any
 from linescan_odometry.odometry import OdometryConfiguration
 from omni_brake_assist.configuration import BrakeAssistConfiguration
 from omni_bringup.graph.nodes import parameters_text, values_of
-from omni_loop.experiment import (
-    ExperimentConfiguration,
-    ExperimentLibrary,
-    recorded_experiment,
-)
+from omni_loop.experiment import ExperimentConfiguration, ExperimentLibrary, recorded_experiment
 from omni_loop.yaml_files import read_mapping
 from omni_platform import topics
 from omni_platform.configuration import (

@@ -279,10 +279,7 @@ def feed(
 
 
 def _exchange(
-    partner: Partner,
-    output: Topic,
-    publishers: Mapping[str, Publisher],
-    alive: Callable[[], bool],
+    partner: Partner, output: Topic, publishers: Mapping[str, Publisher], alive: Callable[[], bool]
 ) -> Exchange:
     """Wait until the tested node receives the inputs; return an exchange that stores its answers.
 

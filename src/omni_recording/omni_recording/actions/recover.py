@@ -85,9 +85,7 @@ def _topics(path: Path, channels: Iterable[mcap.RecordedChannel]) -> list[Record
 
 
 def _whole_messages(
-    files: tuple[Path, ...],
-    problems: list[str],
-    channels: list[mcap.RecordedChannel],
+    files: tuple[Path, ...], problems: list[str], channels: list[mcap.RecordedChannel]
 ) -> Iterator[mcap.RecordedMessage]:
     """Yield the readable messages of every file.
 

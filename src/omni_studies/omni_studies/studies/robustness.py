@@ -123,10 +123,7 @@ def _metrics(results: Sequence[Outcome]) -> dict[str, Metric]:
 
 
 def _write_worst(
-    results: Sequence[Outcome],
-    braking: random_braking.RandomBraking,
-    folder: Path,
-    count: int,
+    results: Sequence[Outcome], braking: random_braking.RandomBraking, folder: Path, count: int
 ) -> list[Path]:
     """Write an experiment file for each of the worst runs, and remove older files."""
     for old in folder.glob("worst_*.yaml"):

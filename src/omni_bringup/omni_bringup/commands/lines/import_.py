@@ -52,9 +52,7 @@ def run(options: Options, workspace: Workspace) -> Report:
     lines = {name: read_lines(path, options.cut, options.raw) for name, path in files.items()}
     sensors = {
         name: dataclasses.replace(
-            known[name],
-            pixels=own.shape[1],
-            line_rate=options.rate or known[name].line_rate,
+            known[name], pixels=own.shape[1], line_rate=options.rate or known[name].line_rate
         )
         for name, own in lines.items()
     }
@@ -81,8 +79,4 @@ def run(options: Options, workspace: Workspace) -> Report:
             f"no lines of {missing}: the lines can be shown, but the odometry cannot be replayed"
         )
     text.append(f"recorded in {options.out}; look at it: ./omni lines show {options.out}")
-    return Report(
-        metrics=entries_by_case(rows),
-        details={"folder": str(options.out)},
-        text=text,
-    )
+    return Report(metrics=entries_by_case(rows), details={"folder": str(options.out)}, text=text)
