@@ -115,6 +115,8 @@ def test_torque_drives_brake_by_sign_and_drive_again() -> None:
         rest.until(3.0, -3.0)
         rest.enables = None  # the assistant has died
         rest.until(-8.0, 8.0)
+        rest.pedals.clear()
+        rest.wait(lambda: rest.pedals[-1:] == [1.0])  # the demand that the brakes follow
 
 
 def test_spring_brakes_are_released_by_those_who_agree_alone() -> None:

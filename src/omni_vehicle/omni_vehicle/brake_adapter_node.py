@@ -169,10 +169,6 @@ class BrakeAdapterNode(Node):
             silent = self._silent("estop", timeout)
             pedal = 1.0 if silent else max(pedal, self._estop)  # a request to brake has priority
             problems += ["no emergency stop signal: full demand"] if silent else []
-        if self._topics.pedal != "joint_state":
-            stamp_ns = self.get_clock().now().nanoseconds
-            names = ("brake_pedal",)
-            self._pedal_output.publish(joint_state(stamp_ns, names, position=np.array([pedal])))
         silent = self._silent("enable", enable_timeout)
         if silent or not -enable_timeout <= self._enable_age <= enable_timeout:
             enable = np.ones(len(enable))
@@ -203,9 +199,12 @@ class BrakeAdapterNode(Node):
     def _step(self) -> None:
         now = time.monotonic()
         demand, problem = self._demand()
+        stamp_ns = self.get_clock().now().nanoseconds
+        if self._topics.pedal != "joint_state":
+            position = np.array([demand.pedal])
+            self._pedal_output.publish(joint_state(stamp_ns, ("brake_pedal",), position=position))
         command = self._adapter.step(demand, now - self._stepped)
         self._stepped = now
-        stamp_ns = self.get_clock().now().nanoseconds
         if self._topics.output == "array":
             self._command.publish(Float64MultiArray(data=command.tolist()))
         else:
