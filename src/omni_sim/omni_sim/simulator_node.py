@@ -379,15 +379,10 @@ def _await_reply(node: SimulatorNode, spinner: process.Spinner, stamp_ns: int) -
 
 
 def _pace(spinner: process.Spinner, deadline: float) -> None:
-    if time.monotonic() >= deadline:
-        # Process messages even if the simulation is late; otherwise their delay would keep growing.
-        for _ in range(_INPUTS):
-            spinner.spin_once(0.0)
-    while not spinner.stop:
-        remaining = deadline - time.monotonic()
-        if remaining <= 0.0:
-            return
-        spinner.spin_once(remaining)
+    # Process messages even if the simulation is late; otherwise their delay would keep growing.
+    for _ in range(_INPUTS):
+        spinner.spin_once(0.0)
+    spinner.spin_until(lambda: False, deadline - time.monotonic())
 
 
 main = partial(process.run_process, SimulatorNode, run)

@@ -122,6 +122,7 @@ class RunningProcess:
     def raise_if_halted(self, longest: float = 5.0) -> None:
         """Raise `ProcessError` if a signal has halted the process for more than `longest` [s]."""
         now = time.monotonic()
+        self._note_halts()  # not readable after the process has ended
         if not self.is_halted:
             self._running_at = now
         if now - self._running_at > longest:

@@ -199,7 +199,6 @@ def _follow(
     """
     report: dict[str, Any] = {}
     received = time.monotonic()
-    halted = False
     while simulator.returncode is None:
         yield
         group.raise_if_ended(besides=simulator)
@@ -207,7 +206,6 @@ def _follow(
         for report in simulator.new_reports():
             on_progress(report)
             received = now
-        halted = simulator.was_halted  # not readable after the process has ended
         # Before the first step, all nodes wait for a halted one.
         for process in (simulator,) if report else group.running:
             process.raise_if_halted()
@@ -217,7 +215,7 @@ def _follow(
     report = (simulator.new_reports() or [report])[-1]
     if simulator.returncode != 0 or "finished" not in report:
         raise processes.ProcessError(processes.describe_end(simulator))
-    if halted:
+    if simulator.was_halted:
         raise processes.ProcessError(_HALTED.format(simulator.node.name))
     return report
 

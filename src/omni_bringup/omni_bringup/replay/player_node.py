@@ -136,7 +136,7 @@ def _publish_all(node: PlayerNode, spinner: process.Spinner) -> int:
             # Times are relative to the first round, so that delays do not accumulate.
             recorded = messages[0].log_ns / SECOND_NS / rate
             start = time.monotonic() - recorded if start is None else start
-            _spin_until_time(spinner, start + recorded)
+            spinner.spin_until(lambda: False, start + recorded - time.monotonic())
         node.publish_round(messages)
         ahead = _await_result(node, spinner, ahead)
     return ahead - 1
@@ -174,17 +174,12 @@ def _await_result(node: PlayerNode, spinner: process.Spinner, ahead: int) -> int
     return ahead + 1
 
 
-def _spin_until_time(spinner: process.Spinner, deadline: float) -> None:
-    while not spinner.stop and (remaining := deadline - time.monotonic()) > 0.0:
-        spinner.spin_once(remaining)
-
-
 def _await_silence(node: PlayerNode, spinner: process.Spinner, quiet: float = 0.3) -> None:
     """Receive the remaining results until none arrives for `quiet` [s]."""
     before = -1
     while not spinner.stop and sum(node.results.values()) != before:
         before = sum(node.results.values())
-        _spin_until_time(spinner, time.monotonic() + quiet)
+        spinner.spin_until(lambda: False, quiet)
 
 
 main = partial(process.run_process, PlayerNode, play)
