@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from omni_process import WORKSPACE, omni
+from omni_process import WORKSPACE, omni_here
 
 from omni_loop.experiment import ExperimentLibrary
 
@@ -58,7 +58,7 @@ def run_experiment(tmp_path_factory: pytest.TempPathFactory) -> RunExperiment:
 
     def run(*arguments: str) -> FinishedRun:
         folder = tmp_path_factory.mktemp("runs") / "run"
-        finished = omni(["run", *arguments, "--json", "--out", str(folder)])
+        finished = omni_here(["run", *arguments, "--json", "--out", str(folder)])
         assert finished.returncode == 0, finished.stderr
         document = json.loads(finished.stdout)
         return FinishedRun(folder, document["metrics"])

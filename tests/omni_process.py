@@ -33,6 +33,7 @@ def omni(arguments: Sequence[str]) -> subprocess.CompletedProcess[str]:
     """Run the command line to its end."""
     return subprocess.run(
         omni_command(arguments),
+        stdin=subprocess.DEVNULL,
         capture_output=True,
         text=True,
         timeout=RUN_TIMEOUT,

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 from bystander import Bystander
-from omni_process import omni, omni_command, omni_environment, omni_here
+from omni_process import omni_command, omni_environment, omni_here
 from rclpy.duration import Duration
 from rclpy.serialization import serialize_message
 
@@ -166,7 +166,7 @@ def test_a_twist_of_another_message_type_is_refused(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("command", ["no-such-program", "sh -c 'unclosed"])
 def test_a_command_that_cannot_start_is_refused(command: str) -> None:
-    finished = omni(["check-node", "brake_assist", "--start", command])
+    finished = omni_here(["check-node", "brake_assist", "--start", command])
     assert finished.returncode == 2
     assert "--start: cannot start" in finished.stderr
 

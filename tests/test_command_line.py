@@ -13,7 +13,6 @@ from omni_process import (
     RUN_TIMEOUT,
     WORKSPACE,
     node_processes,
-    omni,
     omni_command,
     omni_environment,
     omni_here,
@@ -130,7 +129,7 @@ def test_a_vehicle_that_rolls_on_under_the_pedal_is_a_failed_run(tmp_path: Path)
     out = tmp_path / "run"
     plain = ["--set", "feedback=velocity_sensor", "--set", "simulation.render_lines=false"]
     changes = [*plain, "--set", "simulation.duration_limit=0.5"]
-    result = omni(["run", "small_stop", *changes, "--out", str(out)])
+    result = omni_here(["run", "small_stop", *changes, "--out", str(out)])
     assert result.returncode == 1
     assert "assisted: the pedal is down and the vehicle still moves at 0.50 s" in result.stderr
     assert (out / "assisted/summary.json").is_file()  # the finished run is kept

@@ -7,7 +7,7 @@ import re
 from importlib.resources import files
 
 import yaml
-from omni_process import WORKSPACE, omni
+from omni_process import WORKSPACE, omni_here
 from safety_table import rows as hazards
 from safety_table import table
 
@@ -196,7 +196,7 @@ def test_the_safety_case_has_the_marks_of_the_tests() -> None:
 
 
 def test_help_names_every_option_of_the_readme() -> None:
-    helped = omni(["run", "--help"])
+    helped = omni_here(["run", "--help"])
     assert helped.returncode == 0
     for option in ("--variant", "--out", "--set", "--real-time", "--json", "EXPERIMENT"):
         assert option in helped.stdout

@@ -18,7 +18,7 @@ import yaml
 from bystander import Bystander, node_process
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import TwistWithCovarianceStamped
-from omni_process import WORKSPACE, omni, omni_here
+from omni_process import WORKSPACE, omni_here
 from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import JointState
@@ -289,7 +289,7 @@ def test_a_source_that_does_harm_is_named_by_ros_params_the_node_and_doctor(tmp_
         check=False,
     )
     assert words in ended.stderr
-    finished = omni(["doctor", "--parameters", str(out), "--json"])
+    finished = omni_here(["doctor", "--parameters", str(out), "--json"])
     assert words in json.loads(finished.stdout)["checks"]["feedback"]["words"]
     own = tmp_path / "my_agv.yaml"
     own.write_text(Path(example).read_text())

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 from chromium import Chromium, chromium
-from omni_process import WORKSPACE, omni
+from omni_process import WORKSPACE, omni_here
 
 from omni_bringup.cli import main
 from omni_loop.history import RunHistory
@@ -50,7 +50,7 @@ def page(tmp_path_factory: pytest.TempPathFactory) -> Path:
     text = "".join(configuration).replace("mass: 250.0", "mass: 200.0")
     (copy / "configuration.yaml").write_text(text)
     file = folder / "pages" / "both.html"
-    finished = omni(["report", str(copy), str(SAMPLE), "--out", str(file), "--json"])
+    finished = omni_here(["report", str(copy), str(SAMPLE), "--out", str(file), "--json"])
     assert finished.returncode == 0, finished.stderr
     results = json.loads(finished.stdout)
     recorded = json.loads((SAMPLE / "summary.json").read_text())["metrics"]
