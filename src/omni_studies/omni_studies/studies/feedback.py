@@ -26,7 +26,6 @@ from omni_figures import style
 from omni_loop.compiled import run_fast_loop
 from omni_loop.experiment import ExperimentConfiguration, ExperimentLibrary, short_name
 from omni_loop.ground_choice import prepare_grounds
-from omni_loop.history import RunHistory
 from omni_loop.loop import run_closed_loop
 from omni_loop.metrics import Metric, run_metrics
 from omni_platform.configuration import ConfigurationError, parameter
@@ -165,14 +164,13 @@ class Cases:
             configuration.brake_assist, enabled=assisted, law=law if assisted else _LAWS[0]
         )
         configuration = dataclasses.replace(configuration, brake_assist=brake_assist)
-        history: RunHistory
         if source.cameras and (vehicle == _NAMED or stop < self.options.rendered):
-            history = run_closed_loop(_rendered(configuration, self.cameras[source.cameras]))
+            configuration = _rendered(configuration, self.cameras[source.cameras])
+            metrics = run_metrics(run_closed_loop(configuration))
         else:
             kinematics = PlatformKinematics.of(configuration.vehicle.wheels)
             model = SourceModel(source, kinematics, stop)
-            history = run_fast_loop(configuration, model.measure)
-        metrics = run_metrics(history)
+            metrics = run_metrics(run_fast_loop(configuration, model.measure))
         distance, rotation = (
             metrics[one].value for one in ("stopping_distance", "orientation_change")
         )
