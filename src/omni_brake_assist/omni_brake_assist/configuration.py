@@ -135,7 +135,7 @@ class BrakeAssistConfiguration(Configuration):
 
         Raises:
             ConfigurationError: the law is unknown, the vehicle has too many valves for the law, k
-                is even, which Eq. (58) excludes, or `feedback_timeout` exceeds `maximum_time_step`.
+                is even, which Eq. (59) excludes, or `feedback_timeout` exceeds `maximum_time_step`.
             UnusablePlatformError: the wheels cannot brake the platform in all three degrees of
                 freedom, as section 3.3 of the dissertation requires.
         """

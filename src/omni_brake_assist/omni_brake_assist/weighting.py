@@ -38,7 +38,7 @@ def psi(kind: int, k: int, delta: float) -> float:
         return math.cos(delta)
     # Rounding may make the base slightly negative at pi/2.
     base = max(2.0 - (4.0 / math.pi) * delta - math.cos(delta), 0.0)
-    return float(base**k)  # Eq. (59)
+    return float(base**k)  # Eq. (59), the simplified Eq. (58)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -62,9 +62,9 @@ class Weighting:
 
 
 def check_tuning_constant(k: int) -> None:
-    """Raise ValueError unless k is an odd positive integer, as Eq. (58) requires."""
+    """Raise ValueError unless k is an odd positive integer, as Eq. (59) requires."""
     if k < 1 or k % 2 == 0:
-        raise ValueError(f"{k} is not an odd positive whole number, as Eq. (58) needs: 1, 3, 5, 7")
+        raise ValueError(f"{k} is not an odd positive whole number, as Eq. (59) needs: 1, 3, 5, 7")
 
 
 def weighting_function(name: str, k: int) -> Weighting:
