@@ -37,14 +37,14 @@ def make_constants(
     configuration: BrakeAssistConfiguration, geometry: PlatformGeometry
 ) -> Constants:
     """Return the constants of the law for a configuration and wheel geometry."""
-    brake, rim, position = configuration.brake, geometry.rim, geometry.position
+    brake, rim = configuration.brake, geometry.rim
     return Constants(
         active=np.column_stack((geometry.active, geometry.lever)),
         rim=rim,
         peak_slip=configuration.allocation.target_slip * geometry.radius / np.abs(rim),
         wheel_mass=configuration.wheel_inertia / rim**2,
         most=brake.max_torque / np.abs(rim),
-        gyration=math.sqrt(0.5 * float(np.vdot(position, position)) / len(position)),
+        gyration=math.sqrt(np.mean(geometry.position**2)),
         mass=configuration.nominal_mass,
         max_rotation=math.radians(configuration.max_rotation),
         brake=NominalBrake(brake.dead_time, brake.time_constant, brake.pressure_step),
@@ -67,12 +67,16 @@ def step(
     The error of a wheel is the speed of its hub minus the hub speed at which the wheel, with its
     present rim speed, would have the target slip [m/s].
     """
-    body = memory.body[0]
+    body, wheel = memory.body[0], memory.wheel
     body.dt = motion.dt if motion.dt > 0.0 else _PERIOD
-    if motion.first:
-        _start(law, memory)
+    if motion.first:  # assume the nominal mass, equal wheel loads and a friction coefficient of 1
+        body.steps, body.responded, body.dead_time = 0, False, law.brake.dead_time
+        body.heading = body.yaw_disturbance = body.lateral_disturbance = 0.0
+        body.deceleration, body.force = _GRAVITY, law.mass * _GRAVITY
+        memory.sent[:] = wheel["brake"][:] = wheel["force"][:] = 0.0
+        wheel["capacity"][:] = law.mass * _GRAVITY / wheel.size
     observe_wheels(law, memory, motion, error)
-    if motion.pedal <= 0.0 or 2 * memory.wheel["known"].sum() < error.size:
+    if motion.pedal <= 0.0 or 2 * wheel["known"].sum() < wheel.size:
         return NO_HELP
     if body.steps > 0:
         observe_friction(law, memory)
@@ -80,21 +84,7 @@ def step(
     allocate(law, memory, motion)
     control_slip(law, memory, motion, enable)
     for i in range(enable.size):  # the upper bound of a share is 0 for a failed brake, otherwise 1
-        most = law.most[i] * motion.pedal * memory.qp.upper[i]
-        memory.sent[body.steps % QUEUE, i] = enable[i] * most
+        memory.sent[body.steps % QUEUE, i] = enable[i] * motion.pedal * memory.qp.upper[i]
     body.twist[0], body.twist[1], body.twist[2] = motion.v_x, motion.v_y, motion.yaw_rate
     body.steps += 1
     return ASSIST
-
-
-@lean
-def _start(law: Constants, memory: Memory) -> None:
-    """Initialize the memory: nominal mass, equal wheel loads, friction coefficient of 1."""
-    body, wheel = memory.body[0], memory.wheel
-    body.steps, body.heading = 0, 0.0
-    body.yaw_disturbance = body.lateral_disturbance = 0.0
-    body.deceleration, body.force = _GRAVITY, law.mass * _GRAVITY
-    body.dead_time, body.responded = law.brake.dead_time, False
-    memory.sent[:], memory.qp.solution[:] = 0.0, 1.0
-    wheel["brake"][:] = wheel["force"][:] = 0.0
-    wheel["capacity"][:] = law.mass * _GRAVITY / wheel.size

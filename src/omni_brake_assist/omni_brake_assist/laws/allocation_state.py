@@ -103,7 +103,8 @@ class Memory(NamedTuple):
     Attributes:
         body: state of the vehicle, a record of `BODY`, shape (1,).
         wheel: state of each wheel, records of `WHEEL`, shape (N,).
-        sent: forces commanded to the brakes in past steps [N], a ring buffer, shape (QUEUE, N).
+        sent: commands of past steps as shares of the force with the pedal fully down [1], a ring
+            buffer, shape (QUEUE, N).
         qp: the braking QP with the unknowns listed in `braking_qp`. Its solution begins with the
             demanded shares of the wheels' capacities.
         forces: predicted low-passed friction force of each wheel with the valve shut and with the

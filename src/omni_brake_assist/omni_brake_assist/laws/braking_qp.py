@@ -20,14 +20,12 @@ from omni_brake_assist.laws.law import NO_WHEEL, Motion
 from omni_platform.kernels import lean
 
 DECELERATION, YAW, SIDE = range(3)
-_DAMPED = 2.0  # ratio of the two time constants for a damping of 1/sqrt(2) [1]
 _SPREAD = 1e-3  # weight of the squared forces; it distributes a force equally to equal wheels [1]
-# Weight of the heading after a brake has failed [1]. The other brakes can keep heading and line of
-# motion only with less deceleration. Of the weights from 0.4 to 2, this one reduces the rotation
-# without making stops much longer than with all brakes on (`study faults`). After a failure the
-# line of motion has no weight.
-_FAILED_HEADING_WEIGHT = 0.6
-_SLACKS = 4  # number of slacks: two for each of `YAW` and `SIDE`
+# Share of the weight of the heading that remains after a brake has failed [1]. The other brakes can
+# keep heading and line of motion only with less deceleration. Of the weights from 0.4 to 2, half of
+# the default reduces the rotation without making stops much longer than with all brakes on (`study
+# faults`). After a failure the line of motion has no weight.
+_FAILED_SHARE = 0.5
 _ROUNDING = 20.0  # weight of the quadratic part of the costs near zero [1]
 
 
@@ -37,7 +35,7 @@ def new_qp(wheels: int) -> Box:
     The first N unknowns are the used shares of the wheels' capacities. The other unknowns are the
     amount above the demand and the amount below the demand, first for `YAW`, then for `SIDE`.
     """
-    qp = new_box(3, wheels + _SLACKS)
+    qp = new_box(3, wheels + 4)
     qp.damping[:] = _SPREAD / wheels**2
     qp.weights[1:] = _ROUNDING
     qp.rows[YAW, wheels : wheels + 2] = qp.rows[SIDE, wheels + 2 :] = -1.0, 1.0
@@ -50,29 +48,26 @@ def allocate(law: Constants, memory: Memory, motion: Motion) -> None:
 
     The solution begins with the friction force of each wheel as a share of the wheel's capacity.
     """
-    body, wheel, qp, n = memory.body[0], memory.wheel, memory.qp, law.rim.size
-    total = wheel["capacity"].sum()
+    body, qp, n = memory.body[0], memory.qp, law.rim.size
+    total = memory.wheel["capacity"].sum()
     per = body.force / body.deceleration / total  # share per acceleration [s^2/m]
     speed = math.hypot(motion.v_x, motion.v_y)
     # The time constants are proportional to the remaining time of the stop. Their lower limit
     # ensures that the inner loops are faster.
     time = max(CASCADE**2 * law.observer_time, law.return_share * speed * per)
-    outer = _DAMPED * time
     # The parts of the deviations that exceed their limits.
-    limit, heading = law.max_rotation, body.heading
-    heading -= min(max(heading, -limit), limit)
+    heading = body.heading - min(max(body.heading, -law.max_rotation), law.max_rotation)
     drift = motion.across_x * motion.v_x + motion.across_y * motion.v_y
-    drift -= min(max(drift, -limit * speed), limit * speed)
-    turn = (heading / outer + motion.yaw_rate) / time + body.yaw_disturbance
+    drift -= min(max(drift, -law.max_rotation * speed), law.max_rotation * speed)
+    turn = (heading / (CASCADE * time) + motion.yaw_rate) / time + body.yaw_disturbance
     qp.goals[DECELERATION] = 1.0
     qp.goals[YAW] = -turn * law.gyration * per
-    qp.goals[SIDE] = -(drift / outer + body.lateral_disturbance) * per
-    failed = motion.failed_brake != NO_WHEEL
-    weight = min(law.deviation_weight, _FAILED_HEADING_WEIGHT) if failed else law.deviation_weight
-    qp.linear[n] = qp.linear[n + 1] = 0.5 * weight
-    qp.linear[n + 2] = qp.linear[n + 3] = 0.0 if failed else 0.5 * weight
-    for i in range(n):
-        unit = wheel[i].sign * wheel[i].capacity / total
+    qp.goals[SIDE] = -(drift / (CASCADE * time) + body.lateral_disturbance) * per
+    qp.linear[n:] = 0.5 * law.deviation_weight
+    if motion.failed_brake != NO_WHEEL:
+        qp.linear[n : n + 2], qp.linear[n + 2 :] = _FAILED_SHARE * qp.linear[n], 0.0
+    for i, wheel in enumerate(memory.wheel):
+        unit = wheel.sign * wheel.capacity / total
         along = law.active[i, 0] * motion.v_x + law.active[i, 1] * motion.v_y
         across = law.active[i, 0] * motion.across_x + law.active[i, 1] * motion.across_y
         qp.rows[DECELERATION, i] = unit * along / (speed + 1e-9)

@@ -40,8 +40,7 @@ def observe_wheels(law: Constants, memory: Memory, motion: Motion, error: FloatA
     """
     body, limit = memory.body[0], law.locked_share * math.hypot(motion.v_x, motion.v_y)
     expected = lost = 0.0
-    for i in range(error.size):
-        wheel = memory.wheel[i]
+    for i, wheel in enumerate(memory.wheel):
         carried = law.active[i, 0] * motion.v_x + law.active[i, 1] * motion.v_y
         along = carried + law.active[i, 2] * motion.yaw_rate
         wheel.hub = abs(along)
@@ -54,7 +53,7 @@ def observe_wheels(law: Constants, memory: Memory, motion: Motion, error: FloatA
         wheel.last_speed = wheel.speed
         wheel.speed = max(wheel.sign * rolled, 0.0) if wheel.known else wheel.hub
         error[i] = wheel.hub - (1.0 + law.peak_slip[i]) * wheel.speed
-        command = command_at(memory.sent, body.steps - 1, body.dead_time / body.dt, i)
+        command = law.most[i] * command_at(memory.sent, body.steps - 1, body.dead_time / body.dt, i)
         wheel.brake, wheel.mean_brake = lagged(law.brake, wheel.brake, command, body.dt)
         if wheel.known and not body.responded:
             model = BrakedWheel(wheel.capacity, law.peak_slip[i], law.wheel_mass[i], wheel.hub)
@@ -78,36 +77,31 @@ def observe_friction(law: Constants, memory: Memory) -> None:
     capacity. The capacity then rises to the force with the time constant of the brakes' nominal
     lag, because an error of this lag appears as friction.
 
-    A wheel without a speed reading gets the largest capacity of the other wheels as its capacity,
-    which limits its force.
+    A wheel without a speed reading gets the largest capacity of the wheels with a reading, because
+    its encoder may have been faulty before it was isolated. This capacity limits its force.
     """
     dt = memory.body[0].dt
-    gain, largest = 1.0 - math.exp(-dt / law.observer_time), 0.0
-    for i in range(law.rim.size):
-        wheel = memory.wheel[i]
+    gain, capacity = 1.0 - math.exp(-dt / law.observer_time), memory.wheel["capacity"]
+    capacity *= memory.wheel["known"]
+    for i, wheel in enumerate(memory.wheel):
         change = wheel.speed - wheel.last_speed
         wheel.measured = max(wheel.mean_brake + law.wheel_mass[i] * change / dt, 0.0)
         if not wheel.known:
+            wheel.capacity = capacity[capacity.argmax()]
             wheel.measured = min(wheel.measured, wheel.capacity)
         elif max(wheel.speed, wheel.last_speed) <= law.locked_share * wheel.hub:
             wheel.measured = wheel.capacity  # it does not turn while its hub moves, so it slides
         rise = gain * (wheel.measured - wheel.force)
         wheel.force += rise
-        if wheel.known:
-            growth = dt / (CASCADE**4 * law.observer_time) * wheel.capacity
-            if rise > growth:
-                share = dt / (dt + law.brake.time_constant)
-                wheel.capacity += share * max(wheel.measured - wheel.capacity, 0.0)
-            elif wheel.hub > (1.0 + law.peak_slip[i]) * wheel.speed:
-                wheel.capacity += gain * (wheel.force - wheel.capacity)
-            elif memory.qp.solution[i] >= 1.0:
-                wheel.capacity += growth
-            wheel.capacity = min(max(wheel.capacity, wheel.force, _LEAST_CAPACITY), law.most[i])
-            largest = max(largest, wheel.capacity)
-    for i in range(law.rim.size):
-        # The encoder may have been faulty before it was isolated, so the capacity may be wrong.
-        if not memory.wheel[i].known:
-            memory.wheel[i].capacity = largest
+        growth = dt / (CASCADE**4 * law.observer_time) * wheel.capacity
+        if rise > growth:
+            share = dt / (dt + law.brake.time_constant)
+            wheel.capacity += share * max(wheel.measured - wheel.capacity, 0.0)
+        elif wheel.hub > (1.0 + law.peak_slip[i]) * wheel.speed:
+            wheel.capacity += gain * (wheel.force - wheel.capacity)
+        elif memory.qp.solution[i] >= 1.0:
+            wheel.capacity += growth
+        wheel.capacity = min(max(wheel.capacity, wheel.force, _LEAST_CAPACITY), law.most[i])
 
 
 @lean
@@ -115,8 +109,8 @@ def observe_body(law: Constants, memory: Memory, motion: Motion) -> None:
     """Update heading, mass estimate and disturbances from motion and forces of the last period."""
     body, dt = memory.body[0], memory.body[0].dt
     f_x = f_y = moment = 0.0
-    for i in range(law.rim.size):
-        force = -memory.wheel[i].sign * memory.wheel[i].measured
+    for i, wheel in enumerate(memory.wheel):
+        force = -wheel.sign * wheel.measured
         f_x += force * law.active[i, 0]
         f_y += force * law.active[i, 1]
         moment += force * law.active[i, 2]

@@ -1,10 +1,11 @@
 """Slip control: brake forces, or a pattern of on-off valves, for the demanded friction forces.
 
 If the friction force demanded of a wheel equals its capacity, a speed controller keeps the wheel at
-the target slip. Every other wheel receives the brake force that causes the demanded friction force.
-A locked wheel exerts its whole capacity, regardless of its brake force. If less than half of this
-capacity is demanded, a proportional brake therefore releases the wheel until it turns. From the
-acceleration of the wheel, the friction observer then estimates the true capacity.
+the target slip. Every other wheel receives the brake force that causes the demanded friction force,
+with a feedback of the friction force. A locked wheel exerts its whole capacity, regardless of its
+brake force. If less than half of this capacity is demanded, the feedback therefore releases the
+wheel until it turns. From the acceleration of the wheel, the friction observer then estimates the
+true capacity.
 
 On-off valves are switched to the pattern whose forces have the lowest cost in the QP. For both
 kinds of brakes, the law predicts the state of the wheel at the time when a new command begins to
@@ -21,9 +22,6 @@ from omni_brake_assist.laws.law import Motion
 from omni_platform.kernels import lean
 from omni_platform.quantities import FloatArray
 
-# Demanded share of the capacity below which a locked wheel is released [1]. A locked wheel uses all
-# of its capacity, and a released one none. Below one half, the demand is nearer to none.
-_LEAST_LOCKED = 0.5
 _LEAST_ENABLE = 0.01  # enable of one brake if all others are released [1]
 
 
@@ -37,8 +35,7 @@ def control_slip(law: Constants, memory: Memory, motion: Motion, enable: FloatAr
     body, share, valves = memory.body[0], memory.qp.solution, law.brake.pressure_step >= 1.0
     times, delay = (body.dt, law.observer_time), body.dead_time / body.dt
     slowing = body.deceleration / (math.hypot(motion.v_x, motion.v_y) + 1e-3)  # [1/s]
-    for i in range(enable.size):
-        wheel = memory.wheel[i]
+    for i, wheel in enumerate(memory.wheel):
         enable[i], memory.forces[:, i] = 1.0, share[i]
         if wheel.fixed:
             continue
@@ -48,24 +45,21 @@ def control_slip(law: Constants, memory: Memory, motion: Motion, enable: FloatAr
         rim = model.Rim(wheel.speed, wheel.brake, wheel.force)
         for k in range(min(math.ceil(delay - 1e-9), model.QUEUE)):
             command = model.command_at(memory.sent, body.steps - 1, max(delay - 1.0 - k, 0.0), i)
-            rim = model.advance(law.brake, braked, rim, command, *times)
+            rim = model.advance(law.brake, braked, rim, law.most[i] * command, *times)
         most = law.most[i] * motion.pedal
         if valves:
             memory.forces[0, i] = model.predict_share(law.brake, braked, rim, 0.0, *times)
             memory.forces[1, i] = model.predict_share(law.brake, braked, rim, most, *times)
             continue
         # A tire transmits its force only after it has deflected. Faster sliding shortens this time.
-        push = law.relaxation_speed * (1.0 - min(wheel.force / wheel.capacity, 1.0))
-        need, goal = math.inf, max(hub - push, 0.0) / (1.0 + braked.peak_slip)
-        if goal > 0.0:
-            # Without dead time, this loop is CASCADE times as fast as the observer.
-            time = law.observer_time / CASCADE + body.dead_time
-            need = wheel.capacity + braked.mass * (rim.speed - goal) / time
+        push = law.relaxation_speed * (1.0 - wheel.force / wheel.capacity)
+        goal = max(hub - push, 0.0) / (1.0 + braked.peak_slip)
+        # Without dead time, this loop is CASCADE times as fast as the observer.
+        time = law.observer_time / CASCADE + body.dead_time
+        need = wheel.capacity + braked.mass * (rim.speed - goal) / time if goal > 0.0 else math.inf
         if share[i] < 1.0 or not wheel.known:
-            slowed = braked.mass * rim.speed * slowing
-            need = min(need, share[i] * wheel.capacity + slowed)
-            if share[i] < _LEAST_LOCKED and wheel.speed <= law.locked_share * wheel.hub:
-                need = 0.0
+            demanded, slowed = share[i] * wheel.capacity, braked.mass * rim.speed * slowing
+            need = min(need, demanded + slowed + demanded - rim.force)
         command = model.command_for(law.brake, rim.brake, need, body.dt)
         enable[i] = min(max(command / most, 0.0), 1.0)
     if valves:

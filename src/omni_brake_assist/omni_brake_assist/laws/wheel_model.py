@@ -66,10 +66,10 @@ class Rim(NamedTuple):
 
 @lean
 def command_at(sent: FloatArray, newest: int, delay: float, i: int) -> float:
-    """Return the force that was commanded to brake `i` at a time in the past [N].
+    """Return the command to brake `i` at a time in the past, in the unit of `sent`.
 
     Args:
-        sent: forces commanded in past steps [N], a ring buffer, shape (QUEUE, N).
+        sent: commands of past steps, a ring buffer, shape (QUEUE, N).
         newest: row of the newest command.
         delay: number of steps before the newest command; may be fractional.
         i: index of the wheel.
