@@ -51,8 +51,8 @@ _NEVER = (
     1.05,
     5.0,
 )  # limits in unknown conditions: ratio to the unassisted distance [1], rotation [deg]
-# Changes of vehicle, ground and pedal. The assistant is informed only of the pedal, and of the kind
-# and the lag of the brakes.
+# Changes of vehicle, ground, pedal and initial speed. Of the first three, the assistant is informed
+# only of the pedal, and of the kind and the lag of the brakes.
 _UNKNOWN: Mapping[str, tuple[str, ...]] = {
     **{f"damping_{d}": (f"vehicle.tire.damping={d}",) for d in (0, 50, 500, 20000)},
     **{f"stiffness_{c}": (f"vehicle.tire.stiffness={c}",) for c in (50000, 1000000)},
@@ -79,6 +79,7 @@ _UNKNOWN: Mapping[str, tuple[str, ...]] = {
     **{f"nominal_mass_{m}": (f"brake_assist.nominal_mass={m}",) for m in (600, 2500)},
     "friction_0.5": ("ground.friction=0.5",),
     **{f"pedal_{p}_percent": (f"maneuver.pedal={p / 100}",) for p in (20, 30, 50)},
+    **{f"speed_{v}": (f"maneuver.speed={v}",) for v in (1, 2, 3, 4)},
     "rollers": ("vehicle.wheel_model=rollers",),
     "brakes_spring": typical_changes("spring"),
     "brakes_torque": (*typical_changes("torque"), "vehicle.brake.max_power=15000"),
