@@ -23,4 +23,5 @@ could be mistaken for motion: in slow motion over coarse texture.
 In motion, the prior variance of the pattern is the power of its estimate. At rest, lines do not
 separate ground and pattern. The prior variance is then the specified non-uniformity of the pixels,
 and S is only the power that exceeds the posterior variance of the pattern after earlier batches.
+A batch can be at rest only if neighboring lines differ by white noise.
 """

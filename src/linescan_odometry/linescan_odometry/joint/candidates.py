@@ -31,15 +31,15 @@ _PEAKS = 2  # number of candidates from each stack
 APART = 8  # px per line; smallest distance between two peaks
 _COARSEST = 100.0  # px; size of the largest texture details that pass the filter of the stack
 _COMPARED = 0.5 * HIGHEST  # cycles per pixel; highest frequency at which candidates are compared
-_LAGS = 4  # number of line spacings that are correlated
+_SPACINGS = 4  # number of line spacings that are correlated
 
 
 @kernel
-def lags(lines: int) -> NDArray[np.int64]:
+def spacings(lines: int) -> NDArray[np.int64]:
     """Return the four line spacings at which a batch is correlated, 1 to lines / 3, shape (4,)."""
-    distance = np.empty(_LAGS, np.int64)
-    for which in range(_LAGS):
-        distance[which] = max(1, round((lines / 3.0) ** (which / (_LAGS - 1.0))))
+    distance = np.empty(_SPACINGS, np.int64)
+    for which in range(_SPACINGS):
+        distance[which] = max(1, round((lines / 3.0) ** (which / (_SPACINGS - 1.0))))
     return distance
 
 
@@ -63,7 +63,7 @@ class Products(NamedTuple):
     """Correlations between the lines of a batch at four line spacings and all frequencies.
 
     Attributes:
-        lagged: mean cross spectrum of the pairs of lines at each spacing of `lags`, shape (4, F).
+        lagged: mean cross spectrum of the pairs of lines at each spacing, shape (4, F).
         newer: mean spectrum of the newer lines of the pairs at each spacing, shape (4, F).
         older: mean spectrum of the older lines of the pairs at each spacing, shape (4, F).
         mean: mean spectrum of all lines, shape (F,).
@@ -93,12 +93,12 @@ def correlate(spectra: Spectrum) -> Products:
         spectra: spectra of the lines, shape (m, F).
     """
     m, count = spectra.shape
-    distances = lags(m)
-    lagged, newer, older = np.zeros((3, _LAGS, count), np.complex64)
+    distances = spacings(m)
+    lagged, newer, older = np.zeros((3, _SPACINGS, count), np.complex64)
     square = spectra.real**2 + spectra.imag**2
     total, whole = spectra.sum(axis=0), square.sum(axis=0)
-    power = np.zeros((_LAGS, count), np.float32)
-    for which in range(_LAGS):
+    power = np.zeros((_SPACINGS, count), np.float32)
+    for which in range(_SPACINGS):
         lag = distances[which]
         if lag >= m:
             continue
@@ -139,7 +139,7 @@ def find(
     """
     lines, _, size, limit = layout
     count = len(pattern)
-    distances = lags(lines)
+    distances = spacings(lines)
     found = np.empty(1 + 2 * _PEAKS)
     number = 0
     if np.isfinite(last):
@@ -151,8 +151,8 @@ def find(
             - 2.0 * (removed * np.conj(products.mean)).real
             + (removed * np.conj(removed)).real
         )
-        correlation = np.zeros((_LAGS, size), np.float32)
-        for which in range(_LAGS):
+        correlation = np.zeros((_SPACINGS, size), np.float32)
+        for which in range(_SPACINGS):
             if distances[which] >= lines:
                 continue
             whitened = np.zeros(size // 2 + 1, np.complex64)
@@ -169,7 +169,7 @@ def find(
         stack = np.full(2 * limit + 1, -np.inf)
         for d in range(-limit, limit + 1):
             value, terms = 0.0, 0
-            for which in range(_LAGS):
+            for which in range(_SPACINGS):
                 lag = distances[which]
                 if (lag < lines and abs(lag * d) < limit) or lag == 1:
                     value += correlation[which, -lag * d]
@@ -187,12 +187,12 @@ def find(
 
 @kernel
 def farthest(displacement: float, layout: Layout) -> int:
-    """Return the index in `lags` of the largest spacing at which lines still overlap enough.
+    """Return the index in `spacings` of the largest spacing at which lines still overlap enough.
 
     The argument `displacement` is the displacement per line [px].
     """
-    distances = lags(layout.lines)
-    for which in range(_LAGS - 1, 0, -1):
+    distances = spacings(layout.lines)
+    for which in range(_SPACINGS - 1, 0, -1):
         lag = distances[which]
         if 3 * lag <= layout.lines and abs(lag * displacement) < layout.limit:
             return which
@@ -208,7 +208,7 @@ def _refined(correlation: Floats, peak: int, layout: Layout) -> float:
     camera moves across its axis, lines at this spacing may show different ground; smaller spacings
     then determine the maximum.
     """
-    distances, last = lags(layout.lines), farthest(peak, layout)
+    distances, last = spacings(layout.lines), farthest(peak, layout)
     fine = distances[last]  # grid points per pixel
     total = np.zeros(2 * fine + 3)
     for which in range(last + 1):
@@ -230,7 +230,7 @@ class Remainder(NamedTuple):
     """Correlations between the lines of a batch after subtraction of a fixed pattern.
 
     Attributes:
-        lagged: mean cross spectrum of the pairs of lines at each spacing of `lags`, shape (4, F).
+        lagged: mean cross spectrum of the pairs of lines at each spacing, shape (4, F).
         power: mean power spectrum of the lines of the pairs at each spacing, shape (4, F).
         number: effective number of independent pairs at each spacing, shape (4, F).
     """
@@ -252,10 +252,10 @@ def subtract(products: Products, layout: Layout, fixed: Spectrum) -> Remainder:
         layout: sizes of the batch.
         fixed: spectrum of the fixed pattern or of the mean of all lines, shape (F,).
     """
-    distances, count = lags(layout.lines), int(_COMPARED / HIGHEST * len(fixed))
-    lagged, power = np.empty((_LAGS, count), np.complex64), np.empty((_LAGS, count), np.float32)
-    square = np.zeros((_LAGS, count), np.float32)
-    for which in range(_LAGS):
+    distances, count = spacings(layout.lines), int(_COMPARED / HIGHEST * len(fixed))
+    lagged = np.empty((_SPACINGS, count), np.complex64)
+    power, square = np.zeros((2, _SPACINGS, count), np.float32)
+    for which in range(_SPACINGS):
         # For noise alone, the squared coherence of N pairs is 1 / N on average.
         noise = 1.0 / max(layout.lines - distances[which], 1)
         product, own = lagged[which], power[which]
@@ -278,8 +278,45 @@ def against_noise(rest: Remainder, layout: Layout) -> Remainder:
 
     Pairs of lines that contain only noise are independent.
     """
-    pairs = np.maximum(layout.lines - lags(layout.lines), 1).astype(np.float32)
+    pairs = np.maximum(layout.lines - spacings(layout.lines), 1).astype(np.float32)
     return Remainder(rest.lagged, rest.power, np.ones_like(rest.number) * pairs.reshape(-1, 1))
+
+
+@kernel
+def colored(products: Products, logs: Floats, taper: Floats, layout: Layout) -> float:
+    """Return the log-likelihood ratio of colored versus white differences of lines [nats].
+
+    The differences of neighboring lines contain neither a fixed pattern nor ground at rest, but
+    only noise, which is white. If the ground moves, its texture colors them, because the optics
+    attenuate high frequencies. The ratio follows from the spectral flatness: the ratio of the
+    geometric to the arithmetic mean of a spectrum.
+
+    Args:
+        products: correlations between the lines.
+        logs: logarithm of the gray levels, shape (m, n).
+        taper: factor of each pixel before the transform, shape (n,).
+        layout: sizes of the batch.
+    """
+    square = np.zeros(layout.pixels, np.float32)
+    for k in range(1, layout.lines):
+        new, old = logs[k], logs[k - 1]
+        for i in range(layout.pixels):
+            value = taper[i] * (new[i] - old[i])
+            square[i] += value * value
+    # The logarithm amplifies the noise of dark pixels, so few of them may determine the spectrum.
+    pixels = square.sum() ** 2 / max((square * square).sum(), 1e-12)
+    # The differences are a moving average of order 1: N of them count as 2 N / 3 independent ones.
+    number = pixels / layout.size * (layout.lines - 1) / 1.5
+    edges, total, logarithm = bands(layout.size), 0.0, 0.0
+    for b in range(len(edges) - 1):
+        i, j = edges[b], edges[b + 1]
+        power = max(sum_of(products.power[0, i:j]) - sum_of(products.lagged[0, i:j].real), 1e-9)
+        total += power
+        logarithm += (j - i) * math.log(power / (j - i))
+    count = edges[-1] - edges[0]
+    # For white noise, the estimated power of each band but one adds half a nat on average.
+    ratio: float = number * (count * math.log(total / count) - logarithm) - 0.5 * (len(edges) - 2)
+    return ratio
 
 
 @kernel
@@ -294,12 +331,12 @@ def coherent(
         displacement: displacement per line [px].
         spread: width of a range around the displacement [px]; the result is the largest ratio at
             three displacements in this range.
-        which: index of the line spacing in `lags`.
+        which: index of the line spacing in `spacings`.
     """
     size = layout.size
     edges = bands(size)
     edges = edges[edges <= _COMPARED * size]
-    lag = lags(layout.lines)[which]
+    lag = spacings(layout.lines)[which]
     near = np.array([-0.5, 0.0, 0.5]) * spread if spread > 0.0 else np.zeros(1)
     turned = phases(lag * (displacement + near), size, edges[-1])
     value, power = rest.lagged[which], rest.power[which]
@@ -335,11 +372,43 @@ def rate(rest: Remainder, layout: Layout, found: Doubles) -> Doubles:
     evidence, rest = np.zeros(len(found)), against_noise(rest, layout)
     for i in range(len(found)):
         last = farthest(found[i], layout)
-        spread = 0.5 / lags(layout.lines)[last]
+        spread = 0.5 / spacings(layout.lines)[last]
         for which in range(last + 1):
             own = coherent(rest, layout, found[i], spread, which)
             evidence[i] = max(evidence[i], own)
     return evidence
+
+
+@kernel
+def turning(rest: Remainder, layout: Layout) -> float:
+    """Return the log-likelihood ratio of any motion along the axis versus none [nats].
+
+    Motion along the axis turns the phases of the correlations between lines; motion across the axis
+    only reduces the correlations. In the first hypothesis, the phase at each frequency is free. The
+    result is the largest ratio at any line spacing.
+
+    Args:
+        rest: correlations between the lines.
+        layout: sizes of the batch.
+    """
+    edges = bands(layout.size)
+    edges = edges[edges <= _COMPARED * layout.size]
+    largest = 0.0
+    for which in range(_SPACINGS):
+        # For noise alone, the squared coherence of N pairs is 1 / N on average.
+        noise = 1.0 / max(layout.lines - spacings(layout.lines)[which], 2)
+        value, power = rest.lagged[which], rest.power[which]
+        total = -coherent(rest, layout, 0.0, 0.0, which)
+        for b in range(len(edges) - 1):
+            i, j, shared = edges[b], edges[b + 1], 0.0
+            for f in range(i, j):
+                square = abs(value[f]) ** 2 - noise * power[f] ** 2
+                shared += math.sqrt(max(square / (1.0 - noise), 0.0))
+            coherence = min(shared / max(sum_of(power[i:j]), 1e-9), 0.999)
+            number = sum_of(rest.number[which, i:j]) * layout.pixels / layout.size
+            total -= 0.5 * number * math.log1p(-coherence * coherence)
+        largest = max(largest, total)
+    return largest
 
 
 @kernel
@@ -364,7 +433,7 @@ def scatter(
     """
     excluded, share = limits
     last = farthest(displacement, layout)
-    spread = 0.5 / lags(layout.lines)[last]
+    spread = 0.5 / spacings(layout.lines)[last]
     own = np.zeros(last + 1)
     for which in range(last + 1):
         own[which] = coherent(rest, layout, displacement, spread, which)
@@ -444,7 +513,7 @@ def _contest(
     """
     which = min(farthest(one, layout), farthest(other, layout))
     while True:
-        spread = 0.5 / lags(layout.lines)[which]
+        spread = 0.5 / spacings(layout.lines)[which]
         first = coherent(rest, layout, one, spread, which)
         second = coherent(rest, layout, other, spread, which)
         if which == 0 or max(first, second) > likely:

@@ -203,7 +203,7 @@ def _estimate(
     removed = products.mean if layout.lines >= FEWEST_LINES else known
     remainder = candidates.subtract(products, layout, removed)
     view = _View(logs, transformed, products, known, found, remainder)
-    d, moves, flaw = _choose(view, layout, last, camera.spread)
+    d, moves, flaw = _choose(view, camera, layout, last)
     if flaw:
         return Estimate(d, math.inf, flaw, 0.0, view.logs, 0.0, pattern)
     # At rest, and with few lines, ground and pattern cannot be separated. The prior of the pattern
@@ -229,18 +229,20 @@ def _estimate(
 
 @kernel
 def _choose(
-    view: _View, layout: candidates.Layout, last: float, spread: float
+    view: _View, camera: _Camera, layout: candidates.Layout, last: float
 ) -> tuple[float, bool, str]:
     """Return the candidate for the displacement that explains the lines best.
 
-    At rest, only noise remains after the mean of all lines has been subtracted. If a motion
-    explains what remains, the vehicle is therefore not at rest.
+    At rest, only white noise remains after the mean of all lines has been subtracted. If a motion
+    explains what remains, the vehicle is therefore not at rest. If neighboring lines nevertheless
+    differ by white noise, and nothing shifts along the axis, a candidate near rest is
+    chosen: slow motion across the axis changes the lines without shifting them.
 
     Args:
         view: the batch.
+        camera: constants of the camera.
         layout: sizes of the batch.
         last: displacement per line in the previous batch [px]; NaN without a previous batch.
-        spread: prior standard deviation of the change of the displacement from line to line [px].
 
     Returns:
         Displacement per line [px]; whether it is a motion and not rest; and the reason why it is
@@ -255,18 +257,24 @@ def _choose(
     # counts as rest.
     static = np.flatnonzero(np.abs(found) * (layout.lines - 1) < candidates.APART)
     # Noise alone rarely exceeds half of the log-likelihood that a valid displacement requires.
-    if evidence[best] < _RATIO * _LIKELY and len(static) > 0:
+    limit = _RATIO * _LIKELY
+    moves = evidence[best] >= limit
+    if (
+        len(static) > 0
+        and (not moves or candidates.turning(remainder, layout) < limit)
+        and candidates.colored(view.products, view.logs, camera.taper, layout) < limit
+    ):
+        c = found[static[int(np.argmax(evidence[static]))]]
         rest = candidates.subtract(view.products, layout, view.known)
-        noise, c = candidates.against_noise(rest, layout), found[static[0]]
-        own = candidates.coherent(noise, layout, c, 1.0, 0)
-        return c, False, "" if own > _LIKELY else "low texture"
+        own = candidates.coherent(candidates.against_noise(rest, layout), layout, c, 1.0, 0)
+        return c, moves, "" if own > _LIKELY else "low texture"
     if evidence[best] < _LIKELY:
         return found[best], True, "low texture"
     unlikely = np.zeros(len(found))
     if math.isfinite(last):
         # The limit ensures that the prior matters only if the lines cannot distinguish candidates.
-        change = (found - last) / (spread * layout.lines)
-        unlikely = np.minimum(0.5 * change**2, _RATIO * _LIKELY)
+        change = (found - last) / (camera.spread * layout.lines)
+        unlikely = np.minimum(0.5 * change**2, limit)
     limits = _LIKELY, _RATIO
     best, ambiguous = candidates.decide(remainder, layout, found, evidence, unlikely, limits)
     return found[best], True, "ambiguous" if ambiguous else ""

@@ -290,6 +290,19 @@ def test_rest_of_a_coarse_camera_is_always_measured(expose: Expose) -> None:
         assert abs(found.value) < 5.0 * math.sqrt(found.variance)
 
 
+@pytest.mark.parametrize("grain", [3.0, 8.0])
+@pytest.mark.parametrize("contrast", [3.0, 10.0])
+def test_dirt_over_a_ground_without_coherence_is_not_rest(contrast: float, grain: float) -> None:
+    generator = np.random.default_rng(2)
+    gain = np.ones(PIXELS)
+    for place in generator.uniform(0.0, PIXELS, 12):
+        distance = np.minimum(np.abs(np.arange(PIXELS) - place) / 20.0, 1.0)
+        gain *= 1.0 - 0.5 * (1.0 - distance**2) ** 2
+    for seed in range(6):
+        lines = sideways(seed, 0.0, 0.0, contrast, {grain: 1.0}) * gain
+        assert estimator().estimate(np.rint(lines).astype(np.uint8)).reason != ""
+
+
 def unequal(expose: Expose, displacement: float, contrast: float, seed: int) -> Any:
     """Return lines of a camera whose pixel gains differ by 1 %; `contrast` is the ground's."""
     generator = np.random.default_rng(seed)

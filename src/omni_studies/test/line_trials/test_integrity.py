@@ -41,6 +41,13 @@ def test_steps_of_the_dark_signal_do_not_bias_fast_motion_over_a_faint_ground() 
     assert float(np.mean(np.isfinite(tally.ratio))) > 0.1
 
 
+def test_slow_motion_across_an_axis_over_a_smooth_ground_is_measured() -> None:
+    ground, motions = Ground("brick", texels=2048), (Motion((0.05, 0.0, 0.0)),)
+    tally = drive_over(ground, {"none": FAULTS["none"]}, range(4), 9, 1, motions)["none"]
+    assert not tally.undetected.any()
+    assert float(np.mean(np.isfinite(tally.ratio))) > 0.4
+
+
 @pytest.mark.parametrize("fault", ["dirt_spots", "shadow_fixed"])
 def test_a_camera_that_sees_dirt_alone_rarely_confirms_oblique_texture(fault: str) -> None:
     ground = Ground("planks", texels=4096)
