@@ -16,6 +16,7 @@ from omni_process import (
     omni,
     omni_command,
     omni_environment,
+    omni_here,
     processes_of,
     recorded_bytes,
     wait_until,
@@ -47,7 +48,8 @@ def test_the_real_nodes_give_what_was_recorded(tmp_path: Path) -> None:
     assert last == read_run(SAMPLE).stamp_ns[-1]
     # On one machine one process gives the same bits.
     offline = tmp_path / "offline"
-    assert omni(["replay", str(SAMPLE), *NODES, "--offline", "--out", str(offline)]).returncode == 0
+    words = ["replay", str(SAMPLE), *NODES, "--offline", "--out", str(offline)]
+    assert omni_here(words).returncode == 0
     for one in compare_topics(folder, offline, RESULTS).values():
         assert one.identical == one.first == one.second == steps
 
@@ -56,7 +58,7 @@ def test_the_rate_is_that_of_the_recording_on_request(tmp_path: Path) -> None:
     changed = ["--set", "odometry.sensors.front.x=0.61"]
     arguments = ["replay", str(SAMPLE), "--rate", "2", "--check", *changed]
     start = time.monotonic()
-    finished = omni([*arguments, "--out", str(tmp_path / "out")])
+    finished = omni_here([*arguments, "--out", str(tmp_path / "out")])
     # Only a lower bound of the duration is tested: the recorded time divided by the rate.
     assert time.monotonic() - start > 2.33 / 2.0
     assert finished.returncode == 1
@@ -85,14 +87,14 @@ def test_a_killed_recording_is_recovered_replayed_and_reported(tmp_path: Path) -
     assert f"what was recorded is in {folder}" in words
     assert ".mcap is incomplete" in words
     wait_until(lambda: not node_processes(process.pid))
-    recovered = omni(["bag", "recover", str(bag), "--json"])
+    recovered = omni_here(["bag", "recover", str(bag), "--json"])
     assert recovered.returncode == 0, recovered.stderr
     metrics = json.loads(recovered.stdout)["metrics"]
     assert metrics["messages./clock"]["value"] > 30
     saved = f"{bag}_recovered"
-    assert omni(["bag", "check", saved]).returncode == 0
+    assert omni_here(["bag", "check", saved]).returncode == 0
     assert len(read_run(saved).stamp_ns) == metrics["messages./ground_truth/odom"]["value"]
-    replayed = omni(["replay", saved, "--out", str(tmp_path / "again"), "--json"])
+    replayed = omni_here(["replay", saved, "--out", str(tmp_path / "again"), "--json"])
     assert replayed.returncode == 0, replayed.stderr
     metrics = json.loads(replayed.stdout)["metrics"]
     twists = {
@@ -105,6 +107,6 @@ def test_a_killed_recording_is_recovered_replayed_and_reported(tmp_path: Path) -
     assert twists["recorded"] - twists["identical"] <= twists["unpaired"] < 10
     assert twists["largest_difference"] == 0.0
     page = tmp_path / "report.html"
-    reported = omni(["report", saved, "--out", str(page)])
+    reported = omni_here(["report", saved, "--out", str(page)])
     assert reported.returncode == 0, reported.stderr
     assert page.read_text(encoding="utf-8").startswith("<!doctype html>")
