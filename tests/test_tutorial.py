@@ -5,12 +5,11 @@ from __future__ import annotations
 import io
 import re
 import shlex
-import subprocess
 from pathlib import Path
 
 import numpy as np
 import pytest
-from omni_process import RUN_TIMEOUT, WORKSPACE, omni_command, omni_environment
+from omni_process import WORKSPACE, omni, omni_here
 from PIL import Image
 
 from omni_bringup.cli import main
@@ -49,24 +48,21 @@ def forces_of_a_tire(path: Path) -> None:
 
 
 @pytest.mark.parametrize("page", TUTORIALS, ids=lambda page: page.stem)
-def test_every_command_of_the_page_works(page: Path, tmp_path: Path) -> None:
+def test_every_command_of_the_page_works(
+    page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     picture_of_a_floor().save(tmp_path / "my_floor.png")
     forces_of_a_tire(tmp_path / "my_tire.csv")
+    monkeypatch.chdir(tmp_path)
     recommended: list[str] = []
+    started: set[str] = set()
     for words in commands(page):
         if "my_robot/tuned" in words:  # the page continues with the recommended setting
             assert recommended
             assert {word for word in words if word.startswith("brake_assist.")} <= set(recommended)
-        finished = subprocess.run(
-            omni_command(words),
-            cwd=tmp_path,
-            env=omni_environment(),
-            stdin=subprocess.DEVNULL,
-            capture_output=True,
-            text=True,
-            check=False,
-            timeout=RUN_TIMEOUT,
-        )
+        # A command that is run again has shown that it can be started, and need not be.
+        finished = (omni_here if words[0] in started else omni)(words)
+        started.add(words[0])
         assert finished.returncode == 0, f"{shlex.join(words)}: {finished.stderr}"
         assert "note:" not in finished.stderr + finished.stdout, shlex.join(words)
         if words[0] == "new-vehicle":  # smaller cameras, which halve the work of the long drive
