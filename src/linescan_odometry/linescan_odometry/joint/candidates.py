@@ -14,32 +14,22 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from linescan_odometry.joint.spectra import (
-    HIGHEST,
-    Doubles,
-    Floats,
-    Spectrum,
-    bands,
-    independent,
-    phases,
-    smoothed,
-    sum_of,
-)
+from linescan_odometry.joint import spectra
+from linescan_odometry.joint.spectra import Doubles, Floats, Spectrum
 from omni_platform.kernels import kernel, linked
 
 _PEAKS = 2  # number of candidates from each stack
 APART = 8  # px per line; smallest distance between two peaks
 _COARSEST = 100.0  # px; size of the largest texture details that pass the filter of the stack
-_COMPARED = 0.5 * HIGHEST  # cycles per pixel; highest frequency at which candidates are compared
-_SPACINGS = 4  # number of line spacings that are correlated
+SPACINGS = 4  # number of line spacings that are correlated
 
 
 @kernel
 def spacings(lines: int) -> NDArray[np.int64]:
     """Return the four line spacings at which a batch is correlated, 1 to lines / 3, shape (4,)."""
-    distance = np.empty(_SPACINGS, np.int64)
-    for which in range(_SPACINGS):
-        distance[which] = max(1, round((lines / 3.0) ** (which / (_SPACINGS - 1.0))))
+    distance = np.empty(SPACINGS, np.int64)
+    for which in range(SPACINGS):
+        distance[which] = max(1, round((lines / 3.0) ** (which / (SPACINGS - 1.0))))
     return distance
 
 
@@ -80,39 +70,40 @@ class Products(NamedTuple):
 def band_pass(size: int, count: int) -> Floats:
     """Return the weight of the first `count` frequencies in the slant stack [1], shape (count,)."""
     f = np.arange(count) / size
-    weight: Doubles = -np.expm1(-((_COARSEST * f) ** 2)) * np.cos(0.5 * np.pi * f / HIGHEST) ** 2
+    band = np.cos(0.5 * np.pi * f / spectra.HIGHEST) ** 2
+    weight: Doubles = -np.expm1(-((_COARSEST * f) ** 2)) * band
     return weight.astype(np.float32)
 
 
 @linked
 @kernel
-def correlate(spectra: Spectrum) -> Products:
+def correlate(lines: Spectrum) -> Products:
     """Return the correlations between the lines of a batch.
 
     Args:
-        spectra: spectra of the lines, shape (m, F).
+        lines: spectra of the lines, shape (m, F).
     """
-    m, count = spectra.shape
+    m, count = lines.shape
     distances = spacings(m)
-    lagged, newer, older = np.zeros((3, _SPACINGS, count), np.complex64)
-    square = spectra.real**2 + spectra.imag**2
-    total, whole = spectra.sum(axis=0), square.sum(axis=0)
-    power = np.zeros((_SPACINGS, count), np.float32)
-    for which in range(_SPACINGS):
+    lagged, newer, older = np.zeros((3, SPACINGS, count), np.complex64)
+    square = lines.real**2 + lines.imag**2
+    total, whole = lines.sum(axis=0), square.sum(axis=0)
+    power = np.zeros((SPACINGS, count), np.float32)
+    for which in range(SPACINGS):
         lag = distances[which]
         if lag >= m:
             continue
         products, ahead, behind, own = lagged[which], newer[which], older[which], power[which]
         ahead[:], behind[:], own[:] = total, total, whole
         for k in range(lag):
-            first, last = spectra[k], spectra[m - 1 - k]
+            first, last = lines[k], lines[m - 1 - k]
             both = square[k] + square[m - 1 - k]
             for f in range(count):
                 ahead[f] -= first[f]
                 behind[f] -= last[f]
                 own[f] -= np.float32(0.5) * both[f]
         for k in range(lag, m):
-            new, old = spectra[k], spectra[k - lag]
+            new, old = lines[k], lines[k - lag]
             for f in range(count):
                 products[f] += new[f] * np.conj(old[f])
         scale = np.float32(1.0 / (m - lag))
@@ -146,13 +137,13 @@ def find(
         found[0], number = last, 1
     # After the mean of all lines has been subtracted, no fixed pattern remains.
     for removed in (pattern, products.mean):
-        rest = smoothed(
+        rest = spectra.smoothed(
             products.power[0]
             - 2.0 * (removed * np.conj(products.mean)).real
             + (removed * np.conj(removed)).real
         )
-        correlation = np.zeros((_SPACINGS, size), np.float32)
-        for which in range(_SPACINGS):
+        correlation = np.zeros((SPACINGS, size), np.float32)
+        for which in range(SPACINGS):
             if distances[which] >= lines:
                 continue
             whitened = np.zeros(size // 2 + 1, np.complex64)
@@ -169,7 +160,7 @@ def find(
         stack = np.full(2 * limit + 1, -np.inf)
         for d in range(-limit, limit + 1):
             value, terms = 0.0, 0
-            for which in range(_SPACINGS):
+            for which in range(SPACINGS):
                 lag = distances[which]
                 if (lag < lines and abs(lag * d) < limit) or lag == 1:
                     value += correlation[which, -lag * d]
@@ -192,7 +183,7 @@ def farthest(displacement: float, layout: Layout) -> int:
     The argument `displacement` is the displacement per line [px].
     """
     distances = spacings(layout.lines)
-    for which in range(_SPACINGS - 1, 0, -1):
+    for which in range(SPACINGS - 1, 0, -1):
         lag = distances[which]
         if 3 * lag <= layout.lines and abs(lag * displacement) < layout.limit:
             return which
@@ -224,299 +215,3 @@ def _refined(correlation: Floats, peak: int, layout: Layout) -> float:
     fraction = 0.5 * (left - right) / bend if bend < 0.0 else 0.0
     peak_place: float = peak + (best - fine - 1 + min(max(fraction, -0.5), 0.5)) / fine
     return peak_place
-
-
-class Remainder(NamedTuple):
-    """Correlations between the lines of a batch after subtraction of a fixed pattern.
-
-    Attributes:
-        lagged: mean cross spectrum of the pairs of lines at each spacing, shape (4, F).
-        power: mean power spectrum of the lines of the pairs at each spacing, shape (4, F).
-        number: effective number of independent pairs at each spacing, shape (4, F).
-    """
-
-    lagged: Spectrum
-    power: Floats
-    number: Floats
-
-
-@linked
-@kernel
-def subtract(products: Products, layout: Layout, fixed: Spectrum) -> Remainder:
-    """Return the correlations that lines have after subtraction of a fixed pattern.
-
-    The result contains only the frequencies at which candidates are compared.
-
-    Args:
-        products: correlations from `correlate`.
-        layout: sizes of the batch.
-        fixed: spectrum of the fixed pattern or of the mean of all lines, shape (F,).
-    """
-    distances, count = spacings(layout.lines), int(_COMPARED / HIGHEST * len(fixed))
-    lagged = np.empty((_SPACINGS, count), np.complex64)
-    power, square = np.zeros((2, _SPACINGS, count), np.float32)
-    for which in range(_SPACINGS):
-        # For noise alone, the squared coherence of N pairs is 1 / N on average.
-        noise = 1.0 / max(layout.lines - distances[which], 1)
-        product, own = lagged[which], power[which]
-        whole, energy = products.lagged[which], products.power[which]
-        newer, older = products.newer[which], products.older[which]
-        for f in range(count):
-            both = (fixed[f] * np.conj(fixed[f])).real
-            product[f] = (
-                whole[f] - newer[f] * np.conj(fixed[f]) - fixed[f] * np.conj(older[f]) + both
-            )
-            own[f] = energy[f] - ((newer[f] + older[f]) * np.conj(fixed[f])).real + both
-            shared = (abs(product[f]) / max(own[f], 1e-9)) ** 2
-            square[which, f] = min(max((shared - noise) / max(1.0 - noise, 1e-9), 0.0), 1.0)
-    return Remainder(lagged, power, independent(square, distances, layout.lines))
-
-
-@kernel
-def against_noise(rest: Remainder, layout: Layout) -> Remainder:
-    """Return the correlations, with all pairs of lines counted as independent.
-
-    Pairs of lines that contain only noise are independent.
-    """
-    pairs = np.maximum(layout.lines - spacings(layout.lines), 1).astype(np.float32)
-    return Remainder(rest.lagged, rest.power, np.ones_like(rest.number) * pairs.reshape(-1, 1))
-
-
-@kernel
-def colored(products: Products, logs: Floats, taper: Floats, layout: Layout) -> float:
-    """Return the log-likelihood ratio of colored versus white differences of lines [nats].
-
-    The differences of neighboring lines contain neither a fixed pattern nor ground at rest, but
-    only noise, which is white. If the ground moves, its texture colors them, because the optics
-    attenuate high frequencies. The ratio follows from the spectral flatness: the ratio of the
-    geometric to the arithmetic mean of a spectrum.
-
-    Args:
-        products: correlations between the lines.
-        logs: logarithm of the gray levels, shape (m, n).
-        taper: factor of each pixel before the transform, shape (n,).
-        layout: sizes of the batch.
-    """
-    square = np.zeros(layout.pixels, np.float32)
-    for k in range(1, layout.lines):
-        new, old = logs[k], logs[k - 1]
-        for i in range(layout.pixels):
-            value = taper[i] * (new[i] - old[i])
-            square[i] += value * value
-    # The logarithm amplifies the noise of dark pixels, so few of them may determine the spectrum.
-    pixels = square.sum() ** 2 / max((square * square).sum(), 1e-12)
-    # The differences are a moving average of order 1: N of them count as 2 N / 3 independent ones.
-    number = pixels / layout.size * (layout.lines - 1) / 1.5
-    edges, total, logarithm = bands(layout.size), 0.0, 0.0
-    for b in range(len(edges) - 1):
-        i, j = edges[b], edges[b + 1]
-        power = max(sum_of(products.power[0, i:j]) - sum_of(products.lagged[0, i:j].real), 1e-9)
-        total += power
-        logarithm += (j - i) * math.log(power / (j - i))
-    count = edges[-1] - edges[0]
-    # For white noise, the estimated power of each band but one adds half a nat on average.
-    ratio: float = number * (count * math.log(total / count) - logarithm) - 0.5 * (len(edges) - 2)
-    return ratio
-
-
-@kernel
-def coherent(
-    rest: Remainder, layout: Layout, displacement: float, spread: float, which: int
-) -> float:
-    """Return the log-likelihood ratio of a displacement versus incoherent lines [nats].
-
-    Args:
-        rest: correlations between the lines.
-        layout: sizes of the batch.
-        displacement: displacement per line [px].
-        spread: width of a range around the displacement [px]; the result is the largest ratio at
-            three displacements in this range.
-        which: index of the line spacing in `spacings`.
-    """
-    size = layout.size
-    edges = bands(size)
-    edges = edges[edges <= _COMPARED * size]
-    lag = spacings(layout.lines)[which]
-    near = np.array([-0.5, 0.0, 0.5]) * spread if spread > 0.0 else np.zeros(1)
-    turned = phases(lag * (displacement + near), size, edges[-1])
-    value, power = rest.lagged[which], rest.power[which]
-    best, gain = 0.0, np.empty(edges[-1], np.float32)
-    for step in range(len(near)):
-        overlap = max(1.0 - abs(lag * (displacement + near[step])) / layout.pixels, 1e-3)
-        turn = turned[step]
-        for f in range(len(gain)):
-            gain[f] = value[f].real * turn[f].real - value[f].imag * turn[f].imag
-        total = 0.0
-        for b in range(len(edges) - 1):
-            i, j = edges[b], edges[b + 1]
-            own = max(overlap * sum_of(power[i:j]), 1e-9)
-            coherence = min(max(sum_of(gain[i:j]) / own, 0.0), 0.999)
-            # The part without overlap adds noise, which the division by the overlap amplifies.
-            number = overlap**2 * sum_of(rest.number[which, i:j]) * layout.pixels / size
-            total -= 0.5 * number * math.log1p(-coherence * coherence)
-        best = max(best, total)
-    return best
-
-
-@kernel
-def rate(rest: Remainder, layout: Layout, found: Doubles) -> Doubles:
-    """Return the log-likelihood ratio of each candidate versus noise [nats], shape (c,).
-
-    The result is the largest ratio at any line spacing up to `farthest`, and at least 0.
-
-    Args:
-        rest: correlations between the lines.
-        layout: sizes of the batch.
-        found: displacements per line of the candidates [px], shape (c,).
-    """
-    evidence, rest = np.zeros(len(found)), against_noise(rest, layout)
-    for i in range(len(found)):
-        last = farthest(found[i], layout)
-        spread = 0.5 / spacings(layout.lines)[last]
-        for which in range(last + 1):
-            own = coherent(rest, layout, found[i], spread, which)
-            evidence[i] = max(evidence[i], own)
-    return evidence
-
-
-@kernel
-def turning(rest: Remainder, layout: Layout) -> float:
-    """Return the log-likelihood ratio of any motion along the axis versus none [nats].
-
-    Motion along the axis turns the phases of the correlations between lines; motion across the axis
-    only reduces the correlations. In the first hypothesis, the phase at each frequency is free. The
-    result is the largest ratio at any line spacing.
-
-    Args:
-        rest: correlations between the lines.
-        layout: sizes of the batch.
-    """
-    edges = bands(layout.size)
-    edges = edges[edges <= _COMPARED * layout.size]
-    largest = 0.0
-    for which in range(_SPACINGS):
-        # For noise alone, the squared coherence of N pairs is 1 / N on average.
-        noise = 1.0 / max(layout.lines - spacings(layout.lines)[which], 2)
-        value, power = rest.lagged[which], rest.power[which]
-        total = -coherent(rest, layout, 0.0, 0.0, which)
-        for b in range(len(edges) - 1):
-            i, j, shared = edges[b], edges[b + 1], 0.0
-            for f in range(i, j):
-                square = abs(value[f]) ** 2 - noise * power[f] ** 2
-                shared += math.sqrt(max(square / (1.0 - noise), 0.0))
-            coherence = min(shared / max(sum_of(power[i:j]), 1e-9), 0.999)
-            number = sum_of(rest.number[which, i:j]) * layout.pixels / layout.size
-            total -= 0.5 * number * math.log1p(-coherence * coherence)
-        largest = max(largest, total)
-    return largest
-
-
-@kernel
-def scatter(
-    rest: Remainder, layout: Layout, displacement: float, limits: tuple[float, float]
-) -> float:
-    """Return the variance [px^2] of a displacement due to rivals, which are similarly likely.
-
-    The rivals are zero displacement, and displacements that differ from the given one by 1 px to
-    `APART` px. In each direction, the search for rivals ends at the first displacement that is too
-    unlikely. Rivals occur on smooth ground. There, zero displacement is nearly as likely as slow
-    motion, and one peak of the likelihood is several pixels wide and has many small maxima. The
-    curvature at the largest maximum then does not give the variance.
-
-    Args:
-        rest: correlations between the lines.
-        layout: sizes of the batch.
-        displacement: displacement per line [px].
-        limits: two numbers. The first is the loss of log-likelihood at which a rival is excluded
-            [nats]. The second is the factor on this loss in the weight of a rival [1]; it is below
-            1 because neighboring frequencies are not independent.
-    """
-    excluded, share = limits
-    last = farthest(displacement, layout)
-    spread = 0.5 / spacings(layout.lines)[last]
-    own = np.zeros(last + 1)
-    for which in range(last + 1):
-        own[which] = coherent(rest, layout, displacement, spread, which)
-    away = np.arange(1.0, APART + 1.0)
-    total, moment = 1.0, 0.0
-    for rivals in (np.zeros(1), displacement - away, displacement + away):
-        for rival in rivals:
-            loss, which = 0.0, last
-            while which >= 0 and loss < excluded:
-                other = coherent(rest, layout, rival, spread, which)
-                loss, which = max(loss, own[which] - other), which - 1
-            if loss >= excluded:
-                break
-            weight = math.exp(-share * loss)
-            total += weight
-            moment += weight * (rival - displacement) ** 2
-    return moment / total
-
-
-@kernel
-def decide(
-    rest: Remainder,
-    layout: Layout,
-    found: Doubles,
-    evidence: Doubles,
-    unlikely: Doubles,
-    limits: tuple[float, float],
-) -> tuple[int, bool]:
-    """Return the index of the most likely candidate, and whether the choice is ambiguous.
-
-    Args:
-        rest: correlations between the lines.
-        layout: sizes of the batch.
-        found: candidates [px], shape (c,).
-        evidence: log-likelihood ratio of each candidate from `rate` [nats], shape (c,).
-        unlikely: negative logarithm of each candidate's prior [nats], shape (c,).
-        limits: two numbers. The first is the minimum log-likelihood of an accepted displacement
-            [nats]. The second is a ratio of log-likelihoods [1]: the choice is ambiguous if the
-            second-largest one, divided by the largest one, exceeds this ratio.
-    """
-    likely, ratio = limits
-    order = np.argsort(unlikely - evidence)
-    best = order[0]
-    for i in order[1:]:
-        own, other, _ = _contest(rest, layout, found[best], found[i], likely)
-        if other - unlikely[i] > own - unlikely[best]:
-            best = i
-    ambiguous = False
-    for i in range(len(found)):
-        # If lines do not overlap, noise causes distant rivals. At the single spacing that
-        # `_contest` uses, they may be absent.
-        if abs(found[i] - found[best]) >= APART and evidence[i] > ratio * evidence[best]:
-            ambiguous = True
-        if i != best and not ambiguous:
-            own, other, between = _contest(rest, layout, found[best], found[i], likely)
-            # If the displacement halfway between two candidates is as likely as they are, both
-            # belong to one peak.
-            ambiguous = other > ratio * own and between < ratio * other
-    return best, ambiguous
-
-
-@kernel
-def _contest(
-    rest: Remainder, layout: Layout, one: float, other: float, likely: float
-) -> tuple[float, float, float]:
-    """Return the log-likelihoods of two displacements and of their mean [nats].
-
-    All three are computed at the largest line spacing at which one of the two displacements is
-    likely, because neighboring lines do not resolve slow displacements.
-
-    Args:
-        rest: correlations between the lines.
-        layout: sizes of the batch.
-        one: first displacement per line [px].
-        other: second displacement per line [px].
-        likely: smallest log-likelihood of an accepted displacement [nats].
-    """
-    which = min(farthest(one, layout), farthest(other, layout))
-    while True:
-        spread = 0.5 / spacings(layout.lines)[which]
-        first = coherent(rest, layout, one, spread, which)
-        second = coherent(rest, layout, other, spread, which)
-        if which == 0 or max(first, second) > likely:
-            between = coherent(rest, layout, 0.5 * (one + other), 0.0, which)
-            return first, second, between
-        which -= 1

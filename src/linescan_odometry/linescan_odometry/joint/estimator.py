@@ -6,17 +6,8 @@ from typing import NamedTuple
 import numpy as np
 
 from linescan_odometry.configuration import OdometryConfiguration
-from linescan_odometry.joint import candidates, spectra
+from linescan_odometry.joint import candidates, decision, fixed_pattern, spectra
 from linescan_odometry.joint.fit import Fit, assess
-from linescan_odometry.joint.fixed_pattern import (
-    FEWEST_LINES,
-    FixedPattern,
-    observe,
-    posterior,
-    prior,
-    shrink,
-    without_defects,
-)
 from linescan_odometry.joint.likelihood import Precision, expand
 from linescan_odometry.matching.transforms import load_transforms, transform_size
 from linescan_odometry.measurements import Displacement, Unmeasured
@@ -59,7 +50,7 @@ class Estimate(NamedTuple):
     features: float
     rest: spectra.Floats
     coherence: float
-    pattern: FixedPattern
+    pattern: fixed_pattern.FixedPattern
 
     @property
     def reason(self) -> str:
@@ -101,7 +92,7 @@ class _View(NamedTuple):
     products: candidates.Products
     known: spectra.Spectrum
     found: spectra.Doubles
-    remainder: candidates.Remainder
+    remainder: decision.Remainder
 
 
 class _Maximum(NamedTuple):
@@ -157,7 +148,7 @@ class JointEstimator:
         stated = 1.0 / power if power > 0.0 else math.inf
         weight = candidates.band_pass(self._size, bins)
         self._camera = _Camera(taper, weight, stated, acceleration)
-        self.pattern = FixedPattern(np.zeros(bins, np.complex64), np.zeros(bins))
+        self.pattern = fixed_pattern.FixedPattern(np.zeros(bins, np.complex64), np.zeros(bins))
 
     def estimate(self, lines: Lines, last: float = math.nan) -> Estimate:
         """Return the displacement estimated from a batch of lines.
@@ -181,7 +172,7 @@ def _estimate(
     lines: Lines,
     table: spectra.Floats,
     camera: _Camera,
-    pattern: FixedPattern,
+    pattern: fixed_pattern.FixedPattern,
     layout: candidates.Layout,
     last: float,
 ) -> Estimate:
@@ -198,17 +189,17 @@ def _estimate(
     logs = spectra.logarithms(lines, table)
     transformed = spectra.spectra_of(logs, camera.taper, layout.size)
     products = candidates.correlate(transformed)
-    known = shrink(pattern.information, pattern.precision)
+    known = fixed_pattern.shrink(pattern.information, pattern.precision)
     found = candidates.find(products, layout, known, camera.weight, last)
-    removed = products.mean if layout.lines >= FEWEST_LINES else known
-    remainder = candidates.subtract(products, layout, removed)
+    removed = products.mean if layout.lines >= fixed_pattern.FEWEST_LINES else known
+    remainder = decision.subtract(products, layout, removed)
     view = _View(logs, transformed, products, known, found, remainder)
     d, moves, flaw = _choose(view, camera, layout, last)
     if flaw:
         return Estimate(d, math.inf, flaw, 0.0, view.logs, 0.0, pattern)
     # At rest, and with few lines, ground and pattern cannot be separated. The prior of the pattern
     # then determines the split.
-    parted = moves and layout.lines >= FEWEST_LINES
+    parted = moves and layout.lines >= fixed_pattern.FEWEST_LINES
     best = _maximize(view, camera, pattern, layout, d, parted)
     if not np.isfinite(best.motion).all():
         flaw = "no maximum of the likelihood"
@@ -220,10 +211,10 @@ def _estimate(
     if parted and not flaw:
         # The weight of earlier batches decays exponentially.
         kept = np.float32(1.0 - 1.0 / _MEMORY)
-        pattern = FixedPattern(
+        pattern = fixed_pattern.FixedPattern(
             pattern.information * kept + best.information, pattern.precision * kept + best.precision
         )
-        variance += candidates.scatter(view.remainder, layout, d, (_LIKELY, _RATIO))
+        variance += decision.scatter(view.remainder, layout, d, (_LIKELY, _RATIO))
     return Estimate(d, variance, flaw, fit.features, best.rest, fit.coherence, pattern)
 
 
@@ -251,7 +242,7 @@ def _choose(
     remainder, found = view.remainder, view.found
     if len(found) == 0:
         return 0.0, False, "no peak of the correlation"
-    evidence = candidates.rate(remainder, layout, found)
+    evidence = decision.rate(remainder, layout, found)
     best = int(np.argmax(evidence))
     # If the shift within the batch is below the smallest distance between two peaks, the candidate
     # counts as rest.
@@ -261,12 +252,12 @@ def _choose(
     moves = evidence[best] >= limit
     if (
         len(static) > 0
-        and (not moves or candidates.turning(remainder, layout) < limit)
-        and candidates.colored(view.products, view.logs, camera.taper, layout) < limit
+        and (not moves or decision.turning(remainder, layout) < limit)
+        and decision.colored(view.products, view.logs, camera.taper, layout) < limit
     ):
         c = found[static[int(np.argmax(evidence[static]))]]
-        rest = candidates.subtract(view.products, layout, view.known)
-        own = candidates.coherent(candidates.against_noise(rest, layout), layout, c, 1.0, 0)
+        rest = decision.subtract(view.products, layout, view.known)
+        own = decision.coherent(decision.against_noise(rest, layout), layout, c, 1.0, 0)
         return c, moves, "" if own > _LIKELY else "low texture"
     if evidence[best] < _LIKELY:
         return found[best], True, "low texture"
@@ -276,7 +267,7 @@ def _choose(
         change = (found - last) / (camera.spread * layout.lines)
         unlikely = np.minimum(0.5 * change**2, limit)
     limits = _LIKELY, _RATIO
-    best, ambiguous = candidates.decide(remainder, layout, found, evidence, unlikely, limits)
+    best, ambiguous = decision.decide(remainder, layout, found, evidence, unlikely, limits)
     return found[best], True, "ambiguous" if ambiguous else ""
 
 
@@ -284,7 +275,7 @@ def _choose(
 def _maximize(
     view: _View,
     camera: _Camera,
-    learned: FixedPattern,
+    learned: fixed_pattern.FixedPattern,
     layout: candidates.Layout,
     start: float,
     parted: bool,
@@ -308,10 +299,10 @@ def _maximize(
     for number in range(candidates.APART):
         if parted:
             paths = motion[0] * kappa + motion[1] * 0.5 * kappa**2
-            information, batch = observe(view.spectra, removed, paths, layout.size)
+            information, batch = fixed_pattern.observe(view.spectra, removed, paths, layout.size)
             together = learned.information + information
-            before = learned.precision + prior(together, learned.precision + batch)
-            pattern = posterior(together, before + batch)
+            before = learned.precision + fixed_pattern.prior(together, learned.precision + batch)
+            pattern = fixed_pattern.posterior(together, before + batch)
         rest = spectra.without(view.logs, pattern, camera.taper, layout.size)
         removed = pattern
         here = expand(rest, Precision(before, batch), motion, layout.limit, camera.spread)
@@ -352,7 +343,7 @@ class JointMethod:
         sensor: LineSensor,
         configuration: OdometryConfiguration,
         non_uniformity: float,
-        pattern: FixedPattern | None = None,
+        pattern: fixed_pattern.FixedPattern | None = None,
     ) -> None:
         """Create the method for one camera.
 
@@ -378,7 +369,7 @@ class JointMethod:
 
     def measure(self, lines: Lines, plausibility: Plausibility, stamp_ns: int) -> Displacement:
         """Return the mean displacement per line in a batch; implements `sensor.Method.measure`."""
-        estimate = self.estimator.estimate(without_defects(lines), self._last)
+        estimate = self.estimator.estimate(fixed_pattern.without_defects(lines), self._last)
         if estimate.reason:
             raise Unmeasured(estimate.reason, unmatched=True)
         if not plausibility.check(stamp_ns, np.array([estimate.value]))[0]:
