@@ -18,6 +18,8 @@ from omni_platform.configuration import Configuration, declared_parameters, with
 
 MOST_MODULES = 15  # side by side in a folder, apart from what makes a node of a package
 PLUG_INS = {"omni_studies/studies", "omni_bringup/commands"}  # a file each, found by its name
+LONGEST_FILE, LONGEST_FUNCTION = 450, 59  # lines
+MOST_NAMES = 6  # imported from one module; a file that needs more of them imports the module
 # Packages whose modules may use ROS, in addition to the nodes.
 OF_ROS = {"omni_ros", "omni_recording", "omni_bringup"}
 OF_LAUNCH = {"omni_bringup.launching"}  # needs the launch package, which not every machine has
@@ -92,6 +94,20 @@ def test_nothing_is_imported_in_a_circle_and_no_folder_is_crowded(
         if path.name not in ("__init__.py", "messages.py") and not path.stem.endswith("_node")
     )
     assert {folder for folder, n in crowds.items() if n > MOST_MODULES} <= PLUG_INS
+
+
+def test_files_functions_and_lists_of_imported_names_are_short() -> None:
+    long = []
+    for name, path in MODULES.items():
+        text = path.read_text(encoding="utf-8")
+        long += [name] if len(text.splitlines()) > LONGEST_FILE else []
+        for node in ast.walk(ast.parse(text)):
+            if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+                lines = (node.end_lineno or node.lineno) - node.lineno + 1
+                long += [f"{name}.{node.name}"] if lines > LONGEST_FUNCTION else []
+            elif isinstance(node, ast.ImportFrom) and len(node.names) > MOST_NAMES:
+                long.append(f"{name}: import the module {node.module}, not its names")
+    assert not long
 
 
 def test_tests_are_in_the_folder_of_what_they_test() -> None:
