@@ -175,7 +175,7 @@ def test_a_law_that_fails_has_all_brakes_on(
 
 @pytest.mark.parametrize("imu", [True, False])
 def test_the_twist_stays_fused_while_a_law_fails(mecanum: Wheels, module: str, imu: bool) -> None:
-    configuration = BrakeAssistConfiguration(wheels=mecanum, law=f"{module}:BrokenToo")
+    configuration = BrakeAssistConfiguration(wheels=mecanum, law=f"{module}:Broken")
     assist, kinematics = BrakeAssist(configuration), PlatformKinematics(mecanum)
     for step in range(60):
         stamp_ns, braked = step * 10_000_000, max(step - 30, 0)
