@@ -179,8 +179,8 @@ def _estimate_motion(
         constants: constants of the assistant.
         memory: memory of the assistant, changed in place.
         inputs: inputs of this step.
-        received: whether the latest twist is valid and no earlier twist has closed the input gate.
-            Otherwise, or if no component of the twist is measured, the twist is ignored.
+        received: whether the latest twist is valid and no fault of an input has closed the input
+            gate. If False, or if no component of the twist is measured, the twist is ignored.
         pedal: the driver's brake demand, 0 while the pedal is up [1].
         dt: time since the previous step [s].
 

@@ -118,7 +118,7 @@ class Condition(NamedTuple):
 GOOD = ASSISTING
 """Condition without a fault."""
 OF_LAW = INTERNAL_ERROR, LAW_ERROR
-"""Conditions of a control law that fails, in which the inputs may be valid."""
+"""Conditions in which the control law fails, although its inputs may be valid."""
 
 _S = AssistState
 _FAILED = "the brake of {wheel} does not act (check brake, valve and wiring)"

@@ -26,8 +26,8 @@ def leave_at_once_on_signals() -> None:
 def clean_up_on_signals() -> Iterator[None]:
     """Make signals raise `KeyboardInterrupt` or `SystemExit`, so that a command ends its nodes.
 
-    The block should not import large modules, because such an exception could interrupt an import.
-    At its end, signals end the process at once again.
+    The body of the `with` statement should not import large modules, because such an exception
+    could interrupt an import. After the body, signals again end the process at once.
     """
     changed = [number for number in _SIGNALS if signal.getsignal(number) == _leave]
     for number in changed:

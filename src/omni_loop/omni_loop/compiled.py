@@ -129,7 +129,8 @@ def run_fast_loop(
 
     Args:
         configuration: configuration of the whole loop.
-        source: source that replaces the velocity sensor, for built-in laws only; None for none.
+        source: source that replaces the velocity sensor, for built-in laws only; None to use the
+            velocity sensor.
 
     Raises:
         ConfigurationError: the feedback is optical, or a user's law is combined with `source`.
@@ -325,7 +326,7 @@ def _sense(run: _Run, stamp: int) -> assist_state.Inputs:
 
 @inlined
 def _inputs(run: _Run, stamp: int, taken_ns: int) -> assist_state.Inputs:
-    """Return the inputs of the assistant, with the present sensor readings in the buffers.
+    """Return the inputs of the assistant, which contain the present sensor readings in the buffers.
 
     Args:
         run: state of the run.
@@ -366,12 +367,13 @@ def _sensed(run: _Run, stamp: int) -> assist_state.Inputs:
 
 @lean
 def _finish(run: _Run, stamp: int, last: int, taken_ns: int) -> int:
-    """Decide with the twist in the buffers, record and advance, and sense before stamp `last`.
+    """Finish the step at a stamp with the twist in the buffers, and sense at the next stamp.
 
     Args:
         run: state of the run.
         stamp: index of the control stamp.
-        last: stamp whose inputs are not sensed, because new noise must be drawn before.
+        last: first stamp at which this function does not sense, because its noise has not been
+            drawn yet.
         taken_ns: time stamp of the twist [ns].
 
     Returns:

@@ -36,8 +36,8 @@ from omni_sim.messages import flow_message, ground_truth, imu_message, scene_mar
 from omni_sim.simulator import Observation, Simulator
 
 _INPUTS = 4  # number of subscribed topics at most
-# In real time, limit on the delay that is made up [s]. If the simulation then ran faster for long,
-# replies would seem late, and a person could not steer.
+# Largest delay that the simulation makes up in real time, by running faster than the clock [s]. If
+# it ran faster for long, replies would seem late, and a person could not steer.
 _LARGEST_LAG = 0.02
 _MARKER_PERIOD = 5  # control periods between two updates of the markers
 

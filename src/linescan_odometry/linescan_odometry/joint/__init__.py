@@ -20,8 +20,8 @@ Gaussian. Each batch updates its mean and variance at every frequency. The mean 
 the variance is marginalized. The variance of the displacement therefore increases where a pattern
 could be mistaken for motion: in slow motion over coarse texture.
 
-In motion, the prior variance of the pattern is the power of its estimate. At rest, lines do not
-separate ground and pattern. The prior variance is then the specified non-uniformity of the pixels,
-and S is only the power that exceeds the posterior variance of the pattern after earlier batches.
-A batch can be at rest only if neighboring lines differ by white noise.
+In motion, the prior variance of the pattern is the power of its estimate. At rest, ground and
+pattern cannot be separated. The prior variance is then the specified non-uniformity of the pixels,
+and S contains only the power above the posterior variance of the pattern after earlier batches. A
+batch can be at rest only if the differences of neighboring lines are white noise.
 """

@@ -78,10 +78,10 @@ def against_noise(rest: Remainder, layout: Layout) -> Remainder:
 def colored(products: Products, logs: Floats, taper: Floats, layout: Layout) -> float:
     """Return the log-likelihood ratio of colored versus white differences of lines [nats].
 
-    The differences of neighboring lines contain neither a fixed pattern nor ground at rest, but
-    only noise, which is white. If the ground moves, its texture colors them, because the optics
-    attenuate high frequencies. The ratio follows from the spectral flatness: the ratio of the
-    geometric to the arithmetic mean of a spectrum.
+    The differences of neighboring lines contain no fixed pattern. At rest, they contain only noise,
+    which is white. If the ground moves, they also contain its texture, which is colored because the
+    optics attenuate high frequencies. The log-likelihood ratio follows from the spectral flatness:
+    the geometric mean of a spectrum divided by its arithmetic mean.
 
     Args:
         products: correlations between the lines.
@@ -95,7 +95,8 @@ def colored(products: Products, logs: Floats, taper: Floats, layout: Layout) -> 
         for i in range(layout.pixels):
             value = taper[i] * (new[i] - old[i])
             square[i] += value * value
-    # The logarithm amplifies the noise of dark pixels, so few of them may determine the spectrum.
+    # Effective number of pixels: the logarithm amplifies the noise of dark pixels, so the spectrum
+    # may depend on a few dark pixels only.
     pixels = square.sum() ** 2 / max((square * square).sum(), 1e-12)
     # The differences are a moving average of order 1: N of them count as 2 N / 3 independent ones.
     number = pixels / layout.size * (layout.lines - 1) / 1.5
@@ -107,7 +108,7 @@ def colored(products: Products, logs: Floats, taper: Floats, layout: Layout) -> 
         total += power
         logarithm += (j - i) * math.log(power / (j - i))
     count = edges[-1] - edges[0]
-    # For white noise, the estimated power of each band but one adds half a nat on average.
+    # For white noise, the estimated power of each band except one adds half a nat on average.
     ratio: float = number * (count * math.log(total / count) - logarithm) - 0.5 * (len(edges) - 2)
     return ratio
 

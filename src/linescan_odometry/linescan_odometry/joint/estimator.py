@@ -224,10 +224,10 @@ def _choose(
 ) -> tuple[float, bool, str]:
     """Return the candidate for the displacement that explains the lines best.
 
-    At rest, only white noise remains after the mean of all lines has been subtracted. If a motion
-    explains what remains, the vehicle is therefore not at rest. If neighboring lines nevertheless
-    differ by white noise, and nothing shifts along the axis, a candidate near rest is
-    chosen: slow motion across the axis changes the lines without shifting them.
+    At rest, the lines minus the mean of all lines are white noise. The vehicle therefore counts as
+    moving if a displacement explains these differences. A candidate near rest is nevertheless
+    chosen if neighboring lines differ only by white noise and nothing shifts along the axis: slow
+    motion across the axis changes the lines without shifting them.
 
     Args:
         view: the batch.

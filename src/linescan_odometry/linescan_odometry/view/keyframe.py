@@ -1,4 +1,4 @@
-"""Correlation of the lines of one camera with an earlier line, whose ground should leave the view.
+"""Correlation of the lines of a camera with an earlier line, whose ground should no longer be seen.
 
 Each pixel of a line camera averages the brightness across the axis, over the width of the view. In
 motion across the axis, new ground enters the view, and on ordinary ground the lines lose their

@@ -1,9 +1,9 @@
 """Detection of unsuitable views: occluded cameras, and cameras over oblique textures.
 
-The image of an occluded camera, for example under a lid or dirt on the lens, matches itself
-perfectly at zero displacement, like the image of the ground at rest or in motion across the axis. A
-camera therefore counts as occluded in two cases: its view becomes constant sooner than a vehicle
-can stop (at most 50 m/s^2), or its view does not change although the camera moves.
+If a camera is occluded, for example by a lid or by dirt on the lens, its lines match perfectly at
+zero displacement, but so do lines of the ground at rest and in motion across the axis. A camera
+therefore counts as occluded only in two cases: its view becomes constant sooner than a vehicle can
+stop (at most 50 m/s^2), or its view does not change although the camera moves.
 
 On a texture that is oblique to a camera's axis, motion across the axis looks like motion along it
 (`keyframe`). A single camera cannot distinguish the two motions. The twist, however, gives the
@@ -100,11 +100,11 @@ class UnsuitableViews:
     def unsuitable(
         self, stamp_ns: int, readings: Mapping[str, SensorReading], twist: FloatArray
     ) -> dict[str, SensorReading]:
-        """Return the readings of cameras whose view is unsuitable, marked as unmeasured.
+        """Return the readings of cameras with unsuitable views, marked as unmeasured.
 
-        This is the reading of one occluded camera or, if no camera is occluded, the readings of all
-        cameras over oblique textures. The result is keyed by camera name. If it is empty, the twist
-        is stored, with which later views are compared.
+        If cameras are occluded, the result contains the reading of one of them. Otherwise, it
+        contains the readings of all cameras over oblique textures. It is keyed by camera name. If
+        it is empty, the twist is stored for comparisons with later views.
 
         Args:
             stamp_ns: stamp of the readings [ns].

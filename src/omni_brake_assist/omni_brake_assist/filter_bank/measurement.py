@@ -1,7 +1,7 @@
 """Measurement models of gyro, twist and braking in the filter bank.
 
 For each source, the functions compute the prediction, the innovation, its variance, the test ratio
-(normalized innovation squared divided by `GATE`) and the log likelihood under each hypothesis about
+(normalized innovation squared divided by `GATE`) and the log-likelihood under each hypothesis about
 the faulty source (see `state`). Gyro and twist are fused only if their test ratio is at most 1; the
 twist of a vehicle without an IMU is always fused. The module `wheels` fuses the wheel speeds.
 

@@ -37,7 +37,8 @@ class _Wheel(NamedTuple):
     Attributes:
         rolls: prior probability that the wheel rolls [1].
         slides: prior probability that the wheel slides without being locked [1].
-        locked: likelihood of the reading if the wheel is locked, times the prior probability [s/m].
+        locked: likelihood of the reading if the wheel is locked, times the prior probability that
+            it is locked [s/m].
         variance: variance of the speed of a rolling rim [m^2/s^2].
         excess: amount by which the rim can exceed its rolling speed while the tire springs back
             after the brake has been released [m/s].

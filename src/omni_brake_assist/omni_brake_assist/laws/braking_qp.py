@@ -21,10 +21,10 @@ from omni_platform.kernels import lean
 
 DECELERATION, YAW, SIDE = range(3)
 _SPREAD = 1e-3  # weight of the squared forces; it distributes a force equally to equal wheels [1]
-# Share of the weight of the heading that remains after a brake has failed [1]. The other brakes can
-# keep heading and line of motion only with less deceleration. Of the weights from 0.4 to 2, half of
-# the default reduces the rotation without making stops much longer than with all brakes on (`study
-# faults`). After a failure the line of motion has no weight.
+# Weight of the heading after a brake has failed, as a share of `deviation_weight` [1]. The other
+# brakes can keep heading and line of motion only with less deceleration. Half of the default weight
+# reduces the rotation without making stops much longer than with all brakes on (`study faults`,
+# with weights from 0.4 to 2). After a failure, the line of motion has no weight.
 _FAILED_SHARE = 0.5
 _ROUNDING = 20.0  # weight of the quadratic part of the costs near zero [1]
 

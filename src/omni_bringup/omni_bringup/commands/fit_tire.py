@@ -78,7 +78,7 @@ def _entries(fit: TireFit, model: str, data: TireData) -> dict[str, Any]:
 
 
 def _unit(cls: Any, key: str) -> str:
-    """Return the unit of the value with a dotted key in a configuration."""
+    """Return the unit of a field of a configuration class; `key` is the field's dotted key."""
     fields = {name: field for name, *field in configuration.declared_parameters(cls)}
     name, _, rest = key.partition(".")
     kind, info = fields[name]

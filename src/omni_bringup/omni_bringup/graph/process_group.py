@@ -100,7 +100,7 @@ class RunningProcess:
             self.pid = _fork_server().start(command, {**environment, **shown}, streams)
         self._read_until = 0
         self._halted = False
-        self._running_at = time.monotonic()  # of the last check that found no halt [s]
+        self._running_at = time.monotonic()  # time of the last check without a halt [s]
         self._returncode: int | None = None
 
     @property

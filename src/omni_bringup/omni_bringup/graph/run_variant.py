@@ -195,7 +195,8 @@ def _follow(
             first.
 
     Raises:
-        ProcessError: a node ended earlier, or the simulator makes no progress.
+        ProcessError: a node ended before the simulator, a signal halted a process, or the simulator
+            makes no progress.
     """
     report: dict[str, Any] = {}
     received = time.monotonic()
@@ -206,7 +207,7 @@ def _follow(
         for report in simulator.new_reports():
             on_progress(report)
             received = now
-        # Before the first step, all nodes wait for a halted one.
+        # Before the first step, a single halted node makes all other nodes wait.
         for process in (simulator,) if report else group.running:
             process.raise_if_halted()
         if now - received > report_timeout:

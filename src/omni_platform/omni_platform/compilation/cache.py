@@ -45,8 +45,8 @@ class KernelCache(FunctionCache):
     """Cache of numba whose file names contain a digest of the code instead of a line number."""
 
     def __init__(self, dispatcher: Dispatcher) -> None:
-        # All else is made at the first call: the search for the folder takes time, and only then
-        # are all callees of the kernel defined.
+        # All other attributes are computed at the first call of the kernel. The search for the
+        # folder takes time, and the callees may be defined after the kernel.
         self._dispatcher, self._py_func = dispatcher, dispatcher.py_func
         self.enable()
 

@@ -110,7 +110,7 @@ SOURCES = {
         for chip in _CHIPS
         for count in (2, 3)
     },
-    # No source states how many images of a chip are invalid; 5 % of each chip's are assumed.
+    # No data sheet states how many images of a chip are invalid; 5 % are assumed.
     "paa5100_2_lost": dataclasses.replace(
         _chips("PAA5100JE", 2), label="2 x PAA5100JE, 5 % of images invalid", lost=0.05
     ),

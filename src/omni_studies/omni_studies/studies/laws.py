@@ -51,8 +51,9 @@ _NEVER = (
     1.05,
     5.0,
 )  # limits in unknown conditions: ratio to the unassisted distance [1], rotation [deg]
-# Changes of vehicle, ground, pedal and initial speed. Of the first three, the assistant is informed
-# only of the pedal, and of the kind and the lag of the brakes.
+# Changes of vehicle, sensors, ground, pedal and initial speed. The assistant's parameters do not
+# follow the changes of vehicle and ground, with one exception: kind and timing of the brakes, their
+# power and their ramp.
 _UNKNOWN: Mapping[str, tuple[str, ...]] = {
     **{f"damping_{d}": (f"vehicle.tire.damping={d}",) for d in (0, 50, 500, 20000)},
     **{f"stiffness_{c}": (f"vehicle.tire.stiffness={c}",) for c in (50000, 1000000)},

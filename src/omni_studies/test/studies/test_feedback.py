@@ -66,7 +66,7 @@ def test_a_third_chip_replaces_one_whose_image_is_invalid() -> None:
         model = SourceModel(source, KINEMATICS, 4)
         twists = [model.measure(10_000_000 * k, 0.5 * TWIST, np.zeros(4)) for k in range(2000)]
         shares[chips] = np.mean([one.covariance[0, 0] >= UNMEASURED_VARIANCE for one in twists])
-    # All twists require two valid chips.
+    # Every twist requires two valid chips.
     assert shares[2] == pytest.approx(1.0 - 0.9**2, abs=0.03)
     assert shares[3] == pytest.approx(0.1**3 + 3.0 * 0.9 * 0.1**2, abs=0.01)
 
