@@ -129,8 +129,7 @@ def run_fast_loop(
 
     Args:
         configuration: configuration of the whole loop.
-        source: source that replaces the velocity sensor, for built-in laws only; None to use the
-            velocity sensor.
+        source: replacement of the velocity sensor, for built-in laws only; None to keep the sensor.
 
     Raises:
         ConfigurationError: the feedback is optical, or a user's law is combined with `source`.
