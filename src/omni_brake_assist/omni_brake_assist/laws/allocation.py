@@ -73,7 +73,7 @@ def step(
         body.steps, body.responded, body.dead_time = 0, False, law.brake.dead_time
         body.heading = body.yaw_disturbance = body.lateral_disturbance = 0.0
         body.deceleration, body.force = _GRAVITY, law.mass * _GRAVITY
-        memory.sent[:] = wheel["brake"][:] = wheel["force"][:] = 0.0
+        memory.sent[:] = memory.qp.solution[:] = wheel["brake"][:] = wheel["force"][:] = 0.0
         wheel["capacity"][:] = law.mass * _GRAVITY / wheel.size
     observe_wheels(law, memory, motion, error)
     if motion.pedal <= 0.0 or 2 * wheel["known"].sum() < wheel.size:
