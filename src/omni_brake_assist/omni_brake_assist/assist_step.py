@@ -98,7 +98,7 @@ def _receive(constants: Constants, memory: Memory, inputs: Inputs) -> tuple[bool
         received = good and (gate_open or gate[0].cause in conditions.OF_LAW)
         chosen = _estimate_motion(constants, memory, inputs, received, pedal, elapsed)
         step.contradicted = chosen == bank_state.NO_ESTIMATE
-        alone = chosen == bank_state.NO_TWIST or not (good and gate_open) or gate[0].uncertain
+        alone = chosen == bank_state.NO_TWIST or not received or gate[0].uncertain
         step.reckoned = chosen != bank_state.NO_ESTIMATE and alone
         if memory.bank.record[0].equipped:
             good = gate_open = chosen != bank_state.NO_ESTIMATE
