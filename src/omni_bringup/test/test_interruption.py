@@ -11,6 +11,8 @@ import pytest
 PROGRAM = """
 import signal
 from omni_bringup.interruption import clean_up_on_signals, leave_at_once_on_signals
+# A shell that starts the tests in the background makes them ignore Ctrl-C.
+signal.signal(signal.SIGINT, signal.default_int_handler)
 leave_at_once_on_signals()
 try:
     with clean_up_on_signals():
