@@ -14,6 +14,7 @@ from pathlib import Path
 from unittest import mock
 
 from omni_bringup.cli import main
+from omni_platform.exit_codes import ExitCode
 
 WORKSPACE = Path(__file__).resolve().parents[1]
 RUN_TIMEOUT = 240.0  # [s] a run takes seconds; this only ends one that hangs
@@ -43,14 +44,20 @@ def omni(arguments: Sequence[str]) -> subprocess.CompletedProcess[str]:
 
 
 def omni_here(arguments: Sequence[str]) -> subprocess.CompletedProcess[str]:
-    """Run a command in this process, which has imported its modules already."""
+    """Run a command in this process, which has imported its modules already.
+
+    Ctrl-C ends the tests, not only the command.
+    """
     out, errors = io.StringIO(), io.StringIO()
     workspace = mock.patch.dict(os.environ, {"OMNI_WORKSPACE": str(WORKSPACE)})
-    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(errors), workspace:
+    signals = mock.patch("omni_bringup.cli.leave_at_once_on_signals")
+    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(errors), workspace, signals:
         try:
             main(list(arguments))
         except SystemExit as ended:
             code = int(ended.code or 0)
+    if code == ExitCode.INTERRUPTED:
+        raise KeyboardInterrupt
     return subprocess.CompletedProcess(arguments, code, out.getvalue(), errors.getvalue())
 
 
