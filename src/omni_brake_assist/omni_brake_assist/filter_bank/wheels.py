@@ -24,7 +24,9 @@ from omni_platform.quantities import FloatArray
 # wheel it is _HELD / sqrt(2) [s], because the wheel remains locked until the torque of a brake with
 # an unknown lag has fallen below that of friction.
 _GAIN, _IDLE, _HELD = 0.1, 0.05, 0.08
-_RANGE = 20.0  # width of the range of readings of a faulty encoder [m/s]
+# Width of the range of readings of a faulty encoder: the width at standstill [m/s], and the
+# increase of the width per vehicle speed [1].
+_SPEED_RANGE, _SPEED_SHARE = 10.0, 2.0
 _EDGE = math.sqrt(GATE) * bank.WHEEL  # tolerance of the range of sliding speeds [m/s]
 # Standard deviation of a driven wheel's slip (share of the vehicle's speed) per specific force:
 # 0.01 times sqrt(40), because the slip is constant over about 40 steps [s^2/m].
@@ -42,6 +44,7 @@ class _Wheel(NamedTuple):
         variance: variance of the speed of a rolling rim [m^2/s^2].
         excess: amount by which the rim can exceed its rolling speed while the tire springs back
             after the brake has been released [m/s].
+        span: width of the range of readings of a faulty encoder [m/s].
         limit: largest slip of the wheel, as a share of the rim's speed in rolling [1].
     """
 
@@ -50,6 +53,7 @@ class _Wheel(NamedTuple):
     locked: float
     variance: float
     excess: float
+    span: float
     limit: float
 
 
@@ -82,6 +86,7 @@ def fuse_wheels(
     """
     record, slip = memory.record[0], _slip(constants, memory, push)
     released, rolling, braking = False, False, pedal > 0.0
+    span = _SPEED_RANGE + _SPEED_SHARE * math.hypot(record.twist_x, record.twist_y)
     # Without an estimate, encoders are as probably faulty as under the best hypothesis.
     best = min(record.best, bank.NO_TWIST)
     for i in range(speeds.size):
@@ -99,13 +104,13 @@ def fuse_wheels(
         elif not memory.gained[i]:
             memory.mark[i] = min(memory.mark[i], abs(rim))
         memory.idle[i] += dt
-        wheel = _mixture(constants, memory, i, (dt, braking, load), (change, slip))
+        wheel = _mixture(constants, memory, i, (dt, braking, load), (change, slip, span))
         faulty, weight = memory.faulty[best, i], constants.wheel_weight
-        likelihood = (1.0 - faulty) * (wheel.locked + 1.0 / _RANGE) ** weight
-        memory.evidence[bank.NO_ESTIMATE] += math.log(likelihood + faulty / _RANGE**weight)
+        likelihood = (1.0 - faulty) * (wheel.locked + 1.0 / span) ** weight
+        memory.evidence[bank.NO_ESTIMATE] += math.log(likelihood + faulty / span**weight)
         for k in range(bank.FILTERS):
             possible = _fuse_wheel(constants, memory, i, k, wheel)
-            _update_encoder(constants, memory.faulty[k], i, possible * _RANGE)
+            _update_encoder(constants, memory.faulty[k], i, possible * span)
         released = released or load == 0.0
         rolling = rolling or math.isfinite(memory.wheel_ratio[i])
     record.unsupported += dt if braking and released else 0.0
@@ -137,7 +142,7 @@ def _mixture(
     memory: BankMemory,
     i: int,
     step: tuple[float, bool, float],
-    speeds: tuple[float, float],
+    speeds: tuple[float, float, float],
 ) -> _Wheel:
     """Return the model of wheel `i` in this step.
 
@@ -147,10 +152,10 @@ def _mixture(
         i: index of the wheel.
         step: length of the step [s], whether the pedal is down, and brake command of this wheel as
             a share of the largest torque, 0 while its brake is released [1].
-        speeds: change of the speed of the rim since the last step, and standard deviation of the
-            slip of driven wheels [m/s].
+        speeds: change of the speed of the rim since the last step, standard deviation of the slip
+            of driven wheels, and width of the range of readings of a faulty encoder [m/s].
     """
-    (dt, braking, load), (change, slip) = step, speeds
+    (dt, braking, load), (change, slip, span) = step, speeds
     own = bank.WHEEL**2 + slip**2 + (16.0 * change**2 if math.isfinite(change) else 0.0)
     rolls, slides, excess, locked = 1.0 - bank.PRIOR, bank.PRIOR, 0.0, 0.0
     if braking:
@@ -166,7 +171,7 @@ def _mixture(
         locked = stays * math.exp(-0.5 * min((memory.rim[i] / bank.WHEEL) ** 2, GATE))
         locked /= math.sqrt(2.0 * math.pi) * bank.WHEEL
     limit = _largest_slip(constants, memory, i, dt, load)
-    return _Wheel(rolls, slides, locked, own, excess, limit)
+    return _Wheel(rolls, slides, locked, own, excess, span, limit)
 
 
 @lean
@@ -212,7 +217,7 @@ def _fuse_wheel(
         Likelihood of the reading if the encoder is fault-free [s/m]. The contribution of sliding to
         it is at most the likelihood of the reading with a faulty encoder.
     """
-    rolls, slides, locked, own, excess, limit = wheel
+    rolls, slides, locked, own, excess, span, limit = wheel
     h, state, rim = memory.h, memory.state[k], memory.rim[i]
     n_x, n_y, lever = constants.n_x[i], constants.n_y[i], constants.lever[i]
     ground = n_x * state[U_X] + n_y * state[U_Y] + lever * state[RATE]
@@ -235,8 +240,8 @@ def _fuse_wheel(
         faulty = min(faulty, bank.PRIOR) if other > faulty else faulty
     # The exponent is that of `_update_encoder`, so that hypotheses are compared together with the
     # faults of encoders that they imply.
-    memory.evidence[k] += math.log((1.0 - faulty) * possible**weight + faulty / _RANGE**weight)
-    if (1.0 - faulty) * rolling > 0.5 * ((1.0 - faulty) * possible + faulty / _RANGE):
+    memory.evidence[k] += math.log((1.0 - faulty) * possible**weight + faulty / span**weight)
+    if (1.0 - faulty) * rolling > 0.5 * ((1.0 - faulty) * possible + faulty / span):
         if k == memory.record[0].best:
             memory.wheel_ratio[i] = squared / GATE
         # Driven wheels slip in a turn. They may therefore correct the scale of the wheel radii, but
@@ -244,7 +249,7 @@ def _fuse_wheel(
         first = SCALE if memory.record[0].received else bank.BIAS_RATE
         correct(memory, k, innovation, variance, (first, SCALE))
     # A reading that sliding could explain is no evidence that the encoder works.
-    return rolling + min(sliding, 1.0 / _RANGE)
+    return rolling + min(sliding, 1.0 / span)
 
 
 @lean
