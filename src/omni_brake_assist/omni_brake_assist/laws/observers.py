@@ -83,11 +83,12 @@ def observe_friction(law: Constants, memory: Memory) -> None:
     dt = memory.body[0].dt
     gain, capacity = 1.0 - math.exp(-dt / law.observer_time), memory.wheel["capacity"]
     capacity *= memory.wheel["known"]
+    largest = capacity[capacity.argmax()]
     for i, wheel in enumerate(memory.wheel):
         change = wheel.speed - wheel.last_speed
         wheel.measured = max(wheel.mean_brake + law.wheel_mass[i] * change / dt, 0.0)
         if not wheel.known:
-            wheel.capacity = capacity[capacity.argmax()]
+            wheel.capacity = largest
             wheel.measured = min(wheel.measured, wheel.capacity)
         elif max(wheel.speed, wheel.last_speed) <= law.locked_share * wheel.hub:
             wheel.measured = wheel.capacity  # it does not turn while its hub moves, so it slides

@@ -52,7 +52,7 @@ def control_slip(law: Constants, memory: Memory, motion: Motion, enable: FloatAr
             memory.forces[1, i] = model.predict_share(law.brake, braked, rim, most, *times)
             continue
         # A tire transmits its force only after it has deflected. Faster sliding shortens this time.
-        push = law.relaxation_speed * (1.0 - wheel.force / wheel.capacity)
+        push = law.relaxation_speed * max(1.0 - wheel.force / wheel.capacity, 0.0)
         goal = max(hub - push, 0.0) / (1.0 + braked.peak_slip)
         # Without dead time, this loop is CASCADE times as fast as the observer.
         time = law.observer_time / CASCADE + body.dead_time
