@@ -188,7 +188,7 @@ def test_a_joint_that_is_never_named_applies_all_brakes_and_is_reported() -> Non
         rest.node.create_subscription(DiagnosticArray, "/diagnostics", rest.diagnose, RELIABLE)
         words = "never named rihgt_joint exactly once, only right_joint, left_joint, arm_joint"
         rest.wait(lambda: any(words in problem for problem in rest.problems))
-        rest.wait(lambda: rest.enables is not None and rest.pedals[-5:] == [0.0] * 5)
+        rest.wait(lambda: rest.enables is not None and rest.pedals[-5:] == [1.0] * 5)
         rest.until(0.0, 0.0)
         assert [1.0, 1.0] not in rest.commands
 

@@ -23,7 +23,7 @@ VIEW = View(256, 0.05, 0.02, 1000.0)
             "another --ground, another --type or less --noise",
         ),
         (
-            "metal", 7.5, 1.0, "--ground", "low texture",
+            "metal", 7.5, 2.0, "--ground", "low texture",
             "another --ground, another --type, a lower --speed or less --noise",
         ),
     ],
