@@ -174,8 +174,9 @@ class LineScanOdometry:
     def _stale(self, batch: LineBatch | Flow) -> str:
         """Return a message if a batch is much older than the newest one, else an empty text."""
         age = 1e-9 * (self._stamp_ns - batch.stamp_ns)
-        stale = f"stale: {1e3 * age:.3g} ms older than the newest line"
-        return stale if age > self._skew else ""
+        if age <= self._skew:
+            return ""
+        return f"stale: {1e3 * age:.3g} ms older than the newest line"
 
     def _estimate(
         self, readings: dict[str, SensorReading], flows: dict[str, FlowReading]

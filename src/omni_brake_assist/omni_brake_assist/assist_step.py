@@ -95,7 +95,7 @@ def _receive(constants: Constants, memory: Memory, inputs: Inputs) -> tuple[bool
     pedal = inputs.pedal if braking else 0.0
     step.dead = step.dead if braking else 0
     if constants.fault_detection:
-        received = good and (gate_open or gate[0].cause in conditions.OF_LAW)
+        received = good and gate[0].cause in conditions.INPUTS_VALID
         chosen = _estimate_motion(constants, memory, inputs, received, pedal, elapsed)
         step.contradicted = chosen == bank_state.NO_ESTIMATE
         alone = chosen == bank_state.NO_TWIST or not received or gate[0].uncertain

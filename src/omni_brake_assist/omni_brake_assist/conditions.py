@@ -117,8 +117,8 @@ class Condition(NamedTuple):
 ) = range(36)
 GOOD = ASSISTING
 """Condition without a fault."""
-OF_LAW = INTERNAL_ERROR, LAW_ERROR
-"""Conditions in which the control law fails, although its inputs may be valid."""
+INPUTS_VALID = GOOD, INTERNAL_ERROR, LAW_ERROR
+"""Conditions in which no input has a fault; in the last two, the control law fails."""
 
 _S = AssistState
 _FAILED = "the brake of {wheel} does not act (check brake, valve and wiring)"

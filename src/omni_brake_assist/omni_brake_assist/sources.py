@@ -16,7 +16,7 @@ import numpy as np
 
 from omni_brake_assist import conditions
 from omni_brake_assist.assist_state import Memory
-from omni_brake_assist.conditions import CONDITIONS, GOOD, WARNING
+from omni_brake_assist.conditions import CONDITIONS, WARNING
 from omni_brake_assist.decision import Decision
 from omni_brake_assist.filter_bank import state as bank
 from omni_brake_assist.filter_bank.measurement import GATE
@@ -75,7 +75,7 @@ def sources(memory: Memory, kinematics: PlatformKinematics, detects: bool) -> tu
     found = [_source("twist", twist, isolated=best in (bank.NO_TWIST, bank.NO_ESTIMATE))]
     if found[0].state == ISOLATED and not memory.bank.record[0]["pressed"]:
         found[0] = found[0]._replace(reason=_disagreement(gate, kinematics.twist(memory.speeds)))
-    if gate["cause"] not in (GOOD, *conditions.OF_LAW):
+    if gate["cause"] not in conditions.INPUTS_VALID:
         state = LOST if gate["cause"] in _NO_TWIST else REJECTED
         found[0] = Source("twist", twist, state, CONDITIONS[int(gate["cause"])].state.value)
     partial = bool(np.any(np.isfinite(memory.workspace[0])))
