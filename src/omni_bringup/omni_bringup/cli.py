@@ -30,8 +30,14 @@ _OF_THE_LAUNCHER = {"test": "run the tests (arguments go to pytest)"}
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Run a command and exit with the command's exit code."""
-    leave_at_once_on_signals()
+    """Run a command and exit with the command's exit code.
+
+    Args:
+        arguments: words of the command line, for callers that handle signals themselves; by
+            default, those of the process, which then ends at once on a signal.
+    """
+    if arguments is None:
+        leave_at_once_on_signals()
     start_lightly()
     try:
         code = _run(list(sys.argv[1:] if arguments is None else arguments))

@@ -8,6 +8,8 @@ import sys
 
 import pytest
 
+from omni_bringup.cli import main
+
 PROGRAM = """
 import signal
 from omni_bringup.interruption import clean_up_on_signals, leave_at_once_on_signals
@@ -37,3 +39,14 @@ def test_signals_raise_an_exception_only_within_the_block(
     )
     assert ended.stdout.split() == [raised]
     assert ended.returncode == 128 + number
+
+
+def test_a_call_of_main_leaves_the_signals_of_its_process(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    signals = (signal.SIGINT, signal.SIGTERM)
+    before = [*map(signal.getsignal, signals)]
+    with pytest.raises(SystemExit):
+        main(["completion"])
+    assert "_omni" in capsys.readouterr().out
+    assert [*map(signal.getsignal, signals)] == before

@@ -16,7 +16,15 @@ from omni_recording.safe_yaml import LARGEST_YAML, SafeLoader
 
 
 class _Loader(SafeLoader):
-    """YAML loader that reads 1e-3 as a number, unlike YAML 1.1, and rejects repeated keys."""
+    """YAML loader that rejects repeated keys, and reads numbers as YAML 1.2 does.
+
+    Unlike YAML 1.1, it reads 1e-3 as a number, and 3:1:2 (base 60) and 010 (octal) as texts.
+    """
+
+    def resolve(self, kind: Any, value: Any, implicit: Any) -> Any:
+        tag = super().resolve(kind, value, implicit)
+        other_base = tag in _NUMBERS and _OTHER_BASE.match(value)
+        return self.DEFAULT_SCALAR_TAG if other_base else tag
 
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
         seen = set()
@@ -28,8 +36,10 @@ class _Loader(SafeLoader):
         return super().construct_mapping(node, deep)
 
 
+_NUMBERS = ("tag:yaml.org,2002:int", "tag:yaml.org,2002:float")
+_OTHER_BASE = re.compile(r"[-+]?0[0-7_]+\Z|.*:")
 _Loader.add_implicit_resolver(
-    "tag:yaml.org,2002:float",
+    _NUMBERS[1],
     re.compile(r"[-+]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)[eE][-+]?[0-9]+\Z"),
     list("-+.0123456789"),
 )

@@ -172,6 +172,7 @@ def test_the_effective_configuration_loads_again(library: ExperimentLibrary) -> 
         ("a=[1.0, 2.0]", {"a": [1.0, 2.0]}),
         ("a={b: 2}", {"a": {"b": 2}}),
         ("a=x=y", {"a": "x=y"}),
+        ("a=[3:1:2, 3:1.5, 010, 0.10]", {"a": ["3:1:2", "3:1.5", "010", 0.1]}),
     ],
 )
 def test_overrides_are_yaml(text: str, value: object) -> None:

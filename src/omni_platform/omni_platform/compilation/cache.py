@@ -48,6 +48,7 @@ class KernelCache(FunctionCache):
         # All other attributes are computed at the first call of the kernel. The search for the
         # folder takes time, and the callees may be defined after the kernel.
         self._dispatcher, self._py_func = dispatcher, dispatcher.py_func
+        self._name = dispatcher.py_func.__qualname__  # for __repr__
         self.enable()
 
     @functools.cached_property

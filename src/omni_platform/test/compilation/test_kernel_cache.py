@@ -246,3 +246,4 @@ def test_a_kernel_gets_an_entry_for_python_only_when_python_calls_it() -> None:
     assert not overloads
     assert _square(3.0) == 9.0
     assert len(overloads) == 1
+    assert "'_square'" in repr(getattr(_square, "_cache"))  # noqa: B009
