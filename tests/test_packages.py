@@ -5,7 +5,7 @@ from __future__ import annotations
 import ast
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -20,6 +20,7 @@ KEYS = {
     "PIL": "python3-pil",
     "dask": "python3-distributed",  # which is made for it and brings it
     "distributed": "python3-distributed",
+    "hypothesis": "python3-hypothesis",
     "llvmlite": "python3-llvmlite",
     "lz4": "python3-lz4",
     "matplotlib": "python3-matplotlib",
@@ -28,6 +29,7 @@ KEYS = {
     "numba": "python3-numba",
     "numpy": "python3-numpy",
     "pyarrow": "python3-pyarrow",
+    "pytest": "python3-pytest",
     "rich": "python3-rich",
     "rocket_fft": "python3-rocket-fft",
     "rosbags": "python3-rosbags",
@@ -40,6 +42,7 @@ KEYS = {
 # Packages that are used only if they are installed.
 OPTIONAL = {"tf2_msgs"}
 OF_ROSDEP = {
+    "python3-hypothesis",
     "python3-matplotlib",
     "python3-numpy",
     "python3-pil",
@@ -53,8 +56,7 @@ OF_ROSDEP = {
 PACKAGES = sorted(path.parent for path in (WORKSPACE / "src").glob("*/package.xml"))
 
 
-def imports(package: Path) -> Iterator[str]:
-    files = [*(package / package.name).rglob("*.py"), *package.glob("launch/*.py")]
+def imports(files: Iterable[Path]) -> Iterator[str]:
     for file in files:
         for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
             if isinstance(node, ast.Import):
@@ -70,12 +72,15 @@ def declared(package: Path, kind: str) -> list[str]:
 
 @pytest.mark.parametrize("package", PACKAGES, ids=lambda path: path.name)
 def test_every_import_is_declared_once(package: Path) -> None:
-    used = set(imports(package)) - set(sys.stdlib_module_names) - {package.name} - OPTIONAL
+    files = [*(package / package.name).rglob("*.py"), *package.glob("launch/*.py")]
+    used = set(imports(files)) - set(sys.stdlib_module_names) - {package.name} - OPTIONAL
     needed = {KEYS.get(name, name) for name in used}
     entries = declared(package, "exec_depend")
     assert len(entries) == len(set(entries))
     assert needed <= set(entries), f"not declared: {sorted(needed - set(entries))}"
     assert {key for key in entries if key.startswith("python3-")} <= needed, "declared in vain"
+    of_tests = {KEYS[name] for name in imports((package / "test").rglob("*.py")) if name in KEYS}
+    assert sorted(declared(package, "test_depend")) == sorted(of_tests - set(entries))
 
 
 def names_of_messages(tree: ast.Module) -> dict[str, str]:
