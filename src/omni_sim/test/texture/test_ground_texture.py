@@ -90,6 +90,14 @@ def test_a_walking_tile_repeats_every_20_mm() -> None:
     assert shifted[1] < 0.0
 
 
+def test_edges_of_a_walking_tile_are_lit_from_the_upper_left() -> None:
+    gray = generate_texture(TextureConfiguration(kind="walking_tile", size=0.1, texels=1000)).gray
+    for axis in (0, 1):
+        profile = gray.mean(axis=1 - axis).reshape(-1, 200).mean(axis=0)
+        assert profile[:100].max() > profile[50:100].mean() + 3.0
+        assert profile[100:].min() < profile[:10].mean() - 3.0
+
+
 @pytest.mark.parametrize("kind", KINDS)
 def test_dots_per_inch_take_the_place_of_texels(kind: str) -> None:
     configuration = TextureConfiguration(kind=kind, size=SIZE, dpi=300.0)
