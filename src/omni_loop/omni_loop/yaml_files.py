@@ -22,7 +22,7 @@ class _Loader(SafeLoader):
     """
 
     def resolve(self, kind: Any, value: Any, implicit: Any) -> Any:
-        tag = super().resolve(kind, value, implicit)
+        tag = super().resolve(kind, value, implicit)  # type: ignore[no-untyped-call]
         other_base = tag in _NUMBERS and _OTHER_BASE.match(value)
         return self.DEFAULT_SCALAR_TAG if other_base else tag
 
