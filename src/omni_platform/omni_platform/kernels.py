@@ -21,6 +21,7 @@ from numba.np import linalg
 
 from omni_platform.compilation.cache import KernelCache
 from omni_platform.compilation.calls import linked
+from omni_platform.compilation.machine_code import defer_machine_code
 
 __all__ = ["inlined", "kernel", "lean", "lean_inline", "linked", "njit"]
 
@@ -75,6 +76,7 @@ setattr(Dispatcher, "enable_caching", _enable_caching)  # noqa: B010 - of `njit(
 _defer_blas()
 _defer_transforms()
 _defer_reference_counts()
+defer_machine_code()
 
 
 def _declares(**options: Any) -> Callable[[_F], _F]:

@@ -239,11 +239,13 @@ def _square(x: float) -> float:
     return x * x
 
 
-def test_a_kernel_gets_an_entry_for_python_only_when_python_calls_it() -> None:
+def test_a_kernel_gets_machine_code_only_when_python_calls_it() -> None:
     caller = njit(lambda x: _square(x) + 1.0)
     overloads = getattr(_square, "overloads")  # noqa: B009
     assert caller(3.0) == 10.0
     assert not overloads
+    (compiled,) = caller.overloads.values()
+    assert not any(callee._generated for callee in compiled.library._linking_libraries)
     assert _square(3.0) == 9.0
     assert len(overloads) == 1
     assert "'_square'" in repr(getattr(_square, "_cache"))  # noqa: B009
