@@ -34,6 +34,8 @@ def followed(tmp_path_factory: pytest.TempPathFactory) -> Path:
         if kind == "python":
             (folder / text.splitlines()[0].removeprefix("# ")).write_text(text)
             continue
+        if kind == "text":  # its result depends on the load of this machine
+            continue
         # A file, since a process in the background would hold a pipe open.
         said = folder / f"block_{number}.log"
         with said.open("w") as log:
