@@ -110,10 +110,9 @@ class MujocoVehicle(Vehicle):
             raise ConfigurationError("ground.elevation", "must be flat for wheel_model 'mujoco'")
         configuration, n = self.configuration, len(state.wheels)
         self._loads = static_loads(state.plant)
-        lines = _model(
-            configuration, self._loads, self._offsets, self._stiffness, self.physics_step
-        )
-        self._model = self._mujoco.MjModel.from_xml_string("\n".join(lines))
+        design = self._loads, self._offsets, self._stiffness, self.physics_step
+        text = "\n".join(_model(configuration, *design))
+        self._model = self._mujoco.MjModel.from_xml_string(text)
         self._data = self._mujoco.MjData(self._model)
         joints = [self._model.joint(f"wheel_{i}") for i in range(n)]
         self._hinges = np.array([int(joint.dofadr[0]) for joint in joints])
@@ -357,6 +356,12 @@ def _chassis(vehicle: VehicleConfiguration, wheel_mass: float) -> Iterator[str]:
     # The body of the planar vehicle includes the wheels' mass and moment about the vertical axis.
     reach = sum(mount.x**2 + mount.y**2 for mount in vehicle.wheels.values())
     mass = body.mass - len(vehicle.wheels) * wheel_mass
+    if mass <= 0.0:
+        raise ConfigurationError(
+            "vehicle.rollers",
+            f"radius and inertia give {wheel_mass:.3g} kg per wheel, but vehicle and wheels weigh "
+            f"{body.mass:g} kg",
+        )
     yaw_inertia = max(body.yaw_inertia - wheel_mass * reach, 0.1 * body.yaw_inertia)
     height = 2.0 * body.height
     roll = mass / 12.0 * (vehicle.chassis_width**2 + height**2)

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import dataclasses
 import importlib.util
 import sys
 from pathlib import Path
+from types import ModuleType
 
 import numpy as np
 import pytest
@@ -15,6 +17,7 @@ from omni_loop.metrics import run_metrics
 from omni_platform.configuration import ConfigurationError
 from omni_sim.vehicle.loads import GRAVITY
 from omni_sim.vehicle.mujoco_vehicle import MujocoVehicle, load_mujoco
+from omni_tools.vehicles.estimates import Measured, write_vehicle
 
 LIBRARY = ExperimentLibrary(Path(__file__).resolve().parents[4] / "config")
 needs_mujoco = pytest.mark.skipif(
@@ -22,11 +25,13 @@ needs_mujoco = pytest.mark.skipif(
 )
 
 
-def stop(variant: str, engine: str) -> dict[str, float]:
-    """Return the metrics of the straight stop in an engine."""
-    changes = (f"vehicle.wheel_model={engine}", "feedback=velocity_sensor",
-               "simulation.render_lines=false")  # fmt: skip
-    history = run_closed_loop(LIBRARY.load("straight_line", variant, changes))
+def stop(
+    variant: str, engine: str, experiment: str = "straight_line", *changes: str
+) -> dict[str, float]:
+    """Return the metrics of an experiment's stop in an engine."""
+    changes += (f"vehicle.wheel_model={engine}", "feedback=velocity_sensor",
+                "simulation.render_lines=false")  # fmt: skip
+    history = run_closed_loop(LIBRARY.load(experiment, variant, changes))
     return {name: metric.value for name, metric in run_metrics(history).items()}
 
 
@@ -34,6 +39,14 @@ def test_without_mujoco_a_sentence_says_how_to_install_it(monkeypatch: pytest.Mo
     monkeypatch.setitem(sys.modules, "mujoco", None)
     with pytest.raises(ConfigurationError, match=r"pip install .* requirements/mujoco\.lock"):
         load_mujoco()
+
+
+def test_rollers_heavier_than_the_vehicle_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "mujoco", ModuleType("mujoco"))
+    vehicle = LIBRARY.vehicle("mecanum_forklift")
+    light = dataclasses.replace(vehicle, body=dataclasses.replace(vehicle.body, mass=30.0))
+    with pytest.raises(ConfigurationError, match=r"give 9\.48 kg per wheel, but .* weigh 30 kg"):
+        MujocoVehicle(light)
 
 
 @pytest.mark.parametrize("engine", ["single", "rollers"])
@@ -50,6 +63,18 @@ def test_mujoco_swerves_and_stops_as_our_vehicle_does(variant: str, swerve: floa
         ours = stop(variant, engine)
         assert ours["orientation_change"] == pytest.approx(other["orientation_change"], abs=swerve)
         assert ours["stopping_distance"] == pytest.approx(other["stopping_distance"], rel=0.07)
+
+
+@needs_mujoco
+def test_a_new_vehicle_stops_in_mujoco_as_in_our_simulation(tmp_path: Path) -> None:
+    robot = Measured(length=0.58, width=0.38, mass=30.0, wheel_radius=0.05)
+    write_vehicle("robot", robot, tmp_path)
+    experiment = str(tmp_path / "experiment.yaml")
+    changes = ("maneuver.direction_deg=30", "maneuver.speed=2")
+    ours, other = (
+        stop("assisted", engine, experiment, *changes) for engine in ("single", "mujoco")
+    )
+    assert ours["stopping_distance"] == pytest.approx(other["stopping_distance"], rel=0.12)
 
 
 @needs_mujoco

@@ -9,6 +9,7 @@ from omni_platform.brakes import ON_OFF, TORQUE, TYPICAL, VELOCITY, BrakeConfigu
 from omni_platform.configuration import Configuration, ConfigurationError, parameter, to_mapping
 from omni_sim.tire.tire import TireConfiguration
 from omni_sim.vehicle.loads import GRAVITY
+from omni_sim.wheel.roller_geometry import RollerConfiguration
 
 _MECANUM, _OMNI = "mecanum", "omni"
 
@@ -138,6 +139,7 @@ def _vehicle(name: str, measured: Measured) -> str:
         "brake": brake,
         "drive": {"max_torque": _round(drive), "stiffness": _round(_USUAL.clutch * drive * radius)},
         "wheel_inertia": _round(0.5 * wheel_mass * radius**2),
+        "rollers": _rollers(2.0 * carried, radius),
         "tire": _tire(carried, radius),
     }
     notes = {
@@ -148,6 +150,7 @@ def _vehicle(name: str, measured: Measured) -> str:
         "brake": braking,
         "drive.stiffness": f"slips by {100.0 / _USUAL.clutch:.2g} cm/s at its maximum torque",
         "wheel_inertia": f"a solid disc of {wheel_mass:.2g} kg",
+        "rollers": "the default rollers, scaled to load and radius of a wheel",
         "tire": "Table 1 scaled to the load of a wheel; ./omni fit-tire fits measurements",
     }
     if not measured.drive_torque:
@@ -217,6 +220,18 @@ def _tire(carried: float, radius: float) -> dict[str, Any]:
         "model": table_1.model,
         table_1.model: scaled("", to_mapping(table_1.model_parameters)),
         **tire_stiffness(2.0 * carried, radius),
+    }
+
+
+def _rollers(largest_load: float, radius: float) -> dict[str, float]:
+    """Return the default rollers, scaled to the largest load [N] and the radius [m] of a wheel."""
+    usual, scale = RollerConfiguration(), radius / _USUAL.radius
+    stiffer = largest_load / TireConfiguration().largest_load / scale
+    return {
+        "radius": _round(scale * usual.radius),
+        "inertia": max(_round(scale**5 * usual.inertia), 1e-7),
+        "stiffness": max(_round(stiffer * usual.stiffness), 1e3),
+        "damping": _round(stiffer * usual.damping),
     }
 
 

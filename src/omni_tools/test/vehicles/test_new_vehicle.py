@@ -49,6 +49,11 @@ def test_estimates_fit_together(name: str, tmp_path: Path) -> None:
     assert sum(fact.load for fact in facts.values()) == pytest.approx(weight, rel=1e-3)
     for fact in facts.values():
         assert fact.brake_force > fact.grip > 0.5 * fact.load
+    # The rollers are a part of the wheel.
+    rollers, vehicle = experiment.vehicle.rollers, experiment.vehicle
+    rim = rollers.count * 2.0 * rollers.inertia / rollers.radius**2 * measured.wheel_radius**2
+    assert rim < 0.5 * vehicle.wheel_inertia
+    assert rollers.radius < 0.3 * measured.wheel_radius
     # Every wheel is under the chassis.
     for mount in experiment.vehicle.wheels.values():
         assert np.hypot(mount.x, mount.y) < 0.5 * np.hypot(measured.length, measured.width)
