@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import dataclasses
 import functools
 from collections.abc import Callable
@@ -76,8 +77,9 @@ def mistakes_in(
     known: tuple[float, float],
     vehicle: VehicleConfiguration,
 ) -> list[Mistake]:
-    at, (distance, angle) = motions_of(signals), known
-    return find_mistakes(wheels, signals, at, distance=distance, angle=angle, vehicle=vehicle)
+    described = copy.copy(vehicle)
+    object.__setattr__(described, "wheels", wheels)  # unchecked: a wrong wheel may tip the vehicle
+    return find_mistakes(described, signals, motions_of(signals), *known)
 
 
 def found(

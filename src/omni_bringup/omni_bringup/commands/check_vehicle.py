@@ -56,13 +56,12 @@ def run(options: Options, workspace: Workspace) -> Report:
     vehicle = workspace.experiment_library().vehicle(options.vehicle)
     signals = _signals(options, workspace, tuple(vehicle.wheels))
     motions = motions_of(signals)
-    drive = vehicle.wheels, signals, motions
-    angle = math.radians(options.angle)
-    mistakes = known.find_mistakes(*drive, distance=options.distance, angle=angle, vehicle=vehicle)
+    drive = vehicle, signals, motions
+    mistakes = known.find_mistakes(*drive, options.distance, math.radians(options.angle))
     missing = unchecked(signals, motions)
     undistinguished = []
     if not mistakes and topics.TWIST.name not in missing:
-        undistinguished = known.undistinguished_brakes(*drive, vehicle=vehicle)
+        undistinguished = known.undistinguished_brakes(*drive)
     values = workspace.experiment_library().vehicle_values(options.vehicle)
     changed = known.corrected(values, mistakes)
     files = []

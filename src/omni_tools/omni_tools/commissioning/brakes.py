@@ -6,14 +6,12 @@ compared with the demand that the brake should follow.
 
 import itertools
 import math
-from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
 import scipy
 
 from omni_platform.brakes import ON_OFF, VELOCITY, BrakeConfiguration
-from omni_platform.geometry import WheelMount
 from omni_platform.kinematics import PlatformKinematics
 from omni_platform.quantities import BoolArray, FloatArray, IntArray
 from omni_sim.vehicle.configuration import VehicleConfiguration
@@ -123,18 +121,13 @@ class Response(NamedTuple):
         return np.where(self.moving, self.limit * slip, 0.0)
 
 
-def response_of(
-    wheels: Mapping[str, WheelMount],
-    signals: Signals,
-    motions: Motions,
-    vehicle: VehicleConfiguration,
-) -> Response:
+def response_of(vehicle: VehicleConfiguration, signals: Signals, motions: Motions) -> Response:
     """Return the response of the wheels to their brakes.
 
     The tire force is modeled as proportional to the slip. With the steep initial slope of a real
     tire, small errors of the twist would cause large errors of the force.
     """
-    wheel_speeds = PlatformKinematics.of(wheels).wheel_speeds
+    wheel_speeds = PlatformKinematics.of(vehicle.wheels).wheel_speeds
     predicted = wheel_speeds(motions.twist)
     # A loaded wheel has a smaller rolling radius. The ratio of this radius to the described one
     # cancels in the slip.

@@ -74,34 +74,27 @@ class Mistake(NamedTuple):
 
 
 def find_mistakes(
-    wheels: Mapping[str, WheelMount],
-    signals: Signals,
-    motions: Motions,
-    *,
-    distance: float,
-    angle: float,
-    vehicle: VehicleConfiguration,
+    vehicle: VehicleConfiguration, signals: Signals, motions: Motions, distance: float, angle: float
 ) -> list[Mistake]:
     """Return the errors in a vehicle's description that a commissioning drive reveals.
 
     Args:
-        wheels: wheels as described in the vehicle's file.
+        vehicle: wheels, brakes, inertia and loads as described in the vehicle's file.
         signals: signals of the run.
         motions: motions of the run.
         distance: distance of the forward motion and of the motion to the left [m].
         angle: angle of the counter-clockwise rotation [rad].
-        vehicle: brakes, inertia and loads of the wheels as described in the vehicle's file.
     """
     known = np.diag([distance, distance, angle])
     # A gyro measures the angle of the rotation more accurately than a tape, unless it is wrong.
     turned = motions.gyro[2] if abs(motions.gyro[2] / angle - 1.0) < _ALLOWED.scale else angle
-    found = _wheel_mistakes(wheels, motions.angle, np.diag([distance, distance, turned]))
+    found = _wheel_mistakes(vehicle.wheels, motions.angle, np.diag([distance, distance, turned]))
     found += _twist_mistakes(motions.twist, known)
     # The slip is computed from wheel speeds and twists, so brakes are checked last.
     slips = not found and topics.TWIST.name not in unchecked(signals, motions)
     found += _imu_mistakes(signals.upwards, motions, angle)
     if slips:
-        found += _brake_mistakes(wheels, signals, motions, vehicle)
+        found += _brake_mistakes(vehicle, signals, motions)
     if signals.inverse_pedal:
         remedy = "1 must be full braking and 0 none: publish 1 minus this value"
         found.append(Mistake("pedal: the braking demand is inverted", remedy))
@@ -395,15 +388,12 @@ def _imu_mistakes(upwards: float, motions: Motions, angle: float) -> Iterator[Mi
 
 
 def _brake_mistakes(
-    wheels: Mapping[str, WheelMount],
-    signals: Signals,
-    motions: Motions,
-    vehicle: VehicleConfiguration,
+    vehicle: VehicleConfiguration, signals: Signals, motions: Motions
 ) -> Iterator[Mistake]:
-    names, response = list(wheels), brakes.response_of(wheels, signals, motions, vehicle)
+    names, response = list(vehicle.wheels), brakes.response_of(vehicle, signals, motions)
     pair, idle = brakes.swapped(response), brakes.idle(response)
     opposite = signals._replace(enable=1.0 - signals.enable)
-    if brakes.inverted(response, brakes.response_of(wheels, opposite, motions, vehicle)):
+    if brakes.inverted(response, brakes.response_of(vehicle, opposite, motions)):
         remedy = "1 must pass the demand and 0 release the brake: invert the outputs"
         yield Mistake("brakes: the enables act inversely", remedy)
     elif pair is not None:
@@ -421,19 +411,14 @@ def _brake_mistakes(
 
 
 def undistinguished_brakes(
-    wheels: Mapping[str, WheelMount],
-    signals: Signals,
-    motions: Motions,
-    *,
-    vehicle: VehicleConfiguration,
+    vehicle: VehicleConfiguration, signals: Signals, motions: Motions
 ) -> list[tuple[str, str]]:
     """Return the pairs of brakes for which the stops of a run cannot show whether they are swapped.
 
     Args:
-        wheels: wheels as described in the vehicle's file.
+        vehicle: wheels, brakes, inertia and loads as described in the vehicle's file.
         signals: signals of the run.
         motions: motions of the run.
-        vehicle: brakes, inertia and loads of the wheels as described in the vehicle's file.
     """
-    names, response = list(wheels), brakes.response_of(wheels, signals, motions, vehicle)
+    names, response = list(vehicle.wheels), brakes.response_of(vehicle, signals, motions)
     return [(names[one], names[other]) for one, other in brakes.undistinguished(response)]

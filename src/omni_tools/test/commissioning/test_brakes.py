@@ -143,7 +143,7 @@ def test_a_swap_of_brakes_is_found_or_its_brakes_are_named_as_alike(
     known_vehicle = described(
         vehicle, dataclasses.replace(brake, **TYPICAL[brakes], max_power=power)
     )
-    alike = undistinguished_brakes(wheels, signals, motions_of(signals), vehicle=known_vehicle)
+    alike = undistinguished_brakes(known_vehicle, signals, motions_of(signals))
     pairs = itertools.combinations(enumerate(wheels), 2)
     shown = [pair for pair in pairs if tuple(name for _, name in pair) not in alike]
     assert len(shown) >= fewest

@@ -326,10 +326,10 @@ def test_brakes_that_only_act_together_are_not_distinguished(
 ) -> None:
     wheels, signals, _ = forklift
     motions = motions_of(signals)
-    assert undistinguished_brakes(wheels, signals, motions, vehicle=described()) == []
+    assert undistinguished_brakes(described(), signals, motions) == []
     for enable in (np.ones_like(signals.enable), np.full_like(signals.enable, math.nan)):
         together = signals._replace(enable=enable)
-        alike = undistinguished_brakes(wheels, together, motions, vehicle=described())
+        alike = undistinguished_brakes(described(), together, motions)
         assert alike == list(itertools.combinations(wheels, 2))
 
 
@@ -358,7 +358,9 @@ def test_forty_random_vehicles_without_mistakes_are_found_correct() -> None:
         x, y = random.uniform(0.2, 1.5), random.uniform(0.15, 0.9)
         radius = random.uniform(0.04, 0.3)
         wheels = {
-            f"{a}{b}": WheelMount(x=a * x, y=b * y, roller_angle_deg=-45 * a * b, radius=radius)
+            f"w{a + 1}{b + 1}": WheelMount(
+                x=a * x, y=b * y, roller_angle_deg=-45 * a * b, radius=radius
+            )
             for a in (-1, 1)
             for b in (-1, 1)
         }
@@ -372,10 +374,8 @@ def test_forty_random_vehicles_without_mistakes_are_found_correct() -> None:
         motions = Motions(angle, twist, gyro, force, slice(0, 0))
         nothing = np.full((2, 4), math.nan)
         signals = Signals(np.array([0.0, 0.01]), nothing, nothing, nothing, nothing[:, 0], nothing)
-        found = find_mistakes(
-            wheels, signals, motions, distance=known[0], angle=known[1], vehicle=described()
-        )
-        assert found == []
+        vehicle = dataclasses.replace(described(), wheels=wheels)
+        assert find_mistakes(vehicle, signals, motions, *known) == []
 
 
 def test_a_drive_that_is_not_the_expected_one_is_refused(
