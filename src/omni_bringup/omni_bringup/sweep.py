@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from omni_bringup.command_report import Report, make_folder
 from omni_bringup.workspace import Workspace
-from omni_platform.configuration import ConfigurationError
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -16,13 +15,18 @@ if TYPE_CHECKING:
     from omni_loop.sweep import SweptRun
 
 
-def run_sweep(options: Any, workspace: Workspace) -> Report:
+def run_sweep(
+    options: Any,
+    configurations: Sequence[tuple[str, Mapping[str, str], ExperimentConfiguration]],
+    workspace: Workspace,
+) -> Report:
     """Run an experiment with all combinations of the given values; write table and figure.
 
     The runs take place in this process, without the ROS graph.
 
     Args:
         options: options of ``omni run``, in which ``--set`` gives several values of a key.
+        configurations: variant, values of the swept keys, and configuration of each run.
         workspace: workspace with the folder `config`.
     """
     from omni_bringup.graph.run_folder import time_in_name, unused
@@ -34,10 +38,6 @@ def run_sweep(options: Any, workspace: Workspace) -> Report:
     from omni_loop.sweep import sweep
 
     name = short_name(options.experiment)
-    if options.real_time or options.replace:
-        option = "--real-time" if options.real_time else "--replace"
-        raise ConfigurationError(option, "a sweep runs in one process, without nodes")
-    configurations = _configurations(options, workspace)
     default = f"{name}_{time_in_name()}"
     folder = make_folder(unused(workspace.results(options.out, "sweeps", default)))
     with workspace.progress() as report:
@@ -66,30 +66,6 @@ def run_sweep(options: Any, workspace: Workspace) -> Report:
         text=(_table(runs), f"table      {table}", f"figure     {picture}"),
         summary=folder,
     )
-
-
-def _configurations(
-    options: Any, workspace: Workspace
-) -> list[tuple[str, dict[str, str], ExperimentConfiguration]]:
-    """Return variant, swept values and configuration of each run, all checked before the first run.
-
-    The swept values are texts, keyed by dotted key.
-    """
-    from omni_loop.ground_choice import ground_overrides, prepare_grounds
-    from omni_loop.sweep import combinations
-    from omni_sim.texture.cache import TextureCache
-
-    library = workspace.checked_experiments()
-    ground = ground_overrides(options.ground, options.dpi)
-    configurations = [
-        (variant, values, library.load(options.experiment, variant, [*ground, *overrides]))
-        for values, overrides in combinations(options.changes)
-        for variant in options.variant or library.variants(options.experiment, options.changes)
-    ]
-    for _, _, configuration in configurations:
-        configuration.check_drivable()
-    prepare_grounds([entry[2] for entry in configurations], TextureCache.of_user())
-    return configurations
 
 
 def _table(runs: Sequence[SweptRun]) -> Table:

@@ -6,6 +6,7 @@ for each combination. The results are bit-identical to those of runs over the RO
 
 import dataclasses
 import itertools
+import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
 from omni_loop import experiment, history
@@ -49,21 +50,20 @@ def combinations(overrides: Iterable[str]) -> Iterator[tuple[dict[str, str], tup
     Raises:
         ConfigurationError: a value is missing, or there are more than `MOST` combinations.
     """
-    choices: list[list[tuple[str, str, bool]]] = []
-    count = 1
+    choices: list[list[tuple[str, str, str]]] = []
     for text in overrides:
+        if not is_swept(text):
+            choices.append([("", "", text)])
+            continue
         key, _, value = text.partition("=")
-        swept = is_swept(text)
-        values = [part.strip() for part in value.split(",")] if swept else [value]
-        if swept and not all(values):
+        values = [part.strip() for part in value.split(",")]
+        if not all(values):
             raise ConfigurationError(key, f"{value[:80]!r} lacks a value between commas")
-        count *= len(values)
-        choices.append([(key.strip(), one, swept) for one in values])
-    if count > MOST:
+        choices.append([(key.strip(), one, f"{key}={one}") for one in values])
+    if (count := math.prod(map(len, choices))) > MOST:
         raise ConfigurationError("--set", f"gives {count} combinations, more than {MOST}")
     for chosen in itertools.product(*choices):
-        values_of = {key: value for key, value, swept in chosen if swept}
-        yield values_of, tuple(f"{key}={value}" for key, value, _ in chosen)
+        yield {key: one for key, one, _ in chosen if key}, tuple(text for *_, text in chosen)
 
 
 def sweep(

@@ -32,6 +32,11 @@ def test_every_combination_is_made_once() -> None:
     assert len({overrides for _, overrides in made}) == 6
 
 
+def test_an_override_without_a_value_is_left_to_the_library_to_refuse() -> None:
+    made = combinations(["a=1,2", "b"])
+    assert [overrides for _, overrides in made] == [("a=1", "b"), ("a=2", "b")]
+
+
 @pytest.mark.parametrize("overrides", [["a=1,,2"], ["a=1,"], ["a=" + ",".join("1" * 40)] * 2])
 def test_a_sweep_that_makes_no_sense_is_refused(overrides: list[str]) -> None:
     with pytest.raises(ConfigurationError):

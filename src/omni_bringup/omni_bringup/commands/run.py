@@ -21,7 +21,7 @@ from omni_platform.configuration import ConfigurationError, InputError, WorkErro
 
 if TYPE_CHECKING:
     from omni_bringup.graph.run_variant import VariantResult
-    from omni_loop.experiment import ExperimentConfiguration
+    from omni_loop.experiment import ExperimentConfiguration, ExperimentLibrary
 
 REPLACEABLE = ("brake_assist", "linescan_odometry")
 """Nodes that a user's own node may replace."""
@@ -69,34 +69,43 @@ def run(options: Options, workspace: Workspace) -> command_report.Report:
     if any(map(is_swept, options.changes)):
         from omni_bringup.sweep import run_sweep
 
-        return run_sweep(options, workspace)
-    configurations = _checked_configurations(options, workspace)
+        if options.real_time or options.replace:
+            option = "--real-time" if options.real_time else "--replace"
+            raise ConfigurationError(option, "a sweep runs in one process, without nodes")
+        runs = _checked_configurations(options, workspace.checked_experiments())
+        return run_sweep(options, runs, workspace)
+    runs = _checked_configurations(options, workspace.experiment_library())
+    configurations = {variant: configuration for variant, _, configuration in runs}
     folder = _result_folder(options, workspace)
     results = _run_variants(configurations, folder, options, workspace)
     return _report(options.experiment, configurations, results, folder)
 
 
 def _checked_configurations(
-    options: Options, workspace: Workspace
-) -> dict[str, ExperimentConfiguration]:
-    """Return the checked configurations of all variants to run, keyed by variant."""
+    options: Options, library: ExperimentLibrary
+) -> list[tuple[str, dict[str, str], ExperimentConfiguration]]:
+    """Return variant, swept values and configuration of each run, all checked before the first run.
+
+    The swept values are texts, keyed by dotted key.
+    """
     from omni_loop.ground_choice import ground_overrides, prepare_grounds
+    from omni_loop.sweep import combinations
     from omni_sim.texture.cache import TextureCache
 
-    library = workspace.experiment_library()
     for variant in options.variant:
         # A repeated name is probably a mistake for the name of another variant.
         if options.variant.count(variant) > 1:
             raise ConfigurationError("--variant", f"{variant!r} is given twice")
-    overrides = (*ground_overrides(options.ground, options.dpi), *options.changes)
-    configurations = {
-        variant: library.load(options.experiment, variant, overrides)
+    ground = ground_overrides(options.ground, options.dpi)
+    runs = [
+        (variant, values, library.load(options.experiment, variant, [*ground, *overrides]))
+        for values, overrides in combinations(options.changes)
         for variant in options.variant or library.variants(options.experiment, options.changes)
-    }
-    for configuration in configurations.values():
+    ]
+    for _, _, configuration in runs:
         configuration.check_drivable()
-    prepare_grounds(configurations.values(), TextureCache.of_user())
-    return configurations
+    prepare_grounds((configuration for _, _, configuration in runs), TextureCache.of_user())
+    return runs
 
 
 def _result_folder(options: Options, workspace: Workspace) -> Path:
