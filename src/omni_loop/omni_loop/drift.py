@@ -13,6 +13,7 @@ import numpy as np
 from linescan_odometry.twist.pose import PoseIntegrator
 from omni_loop.history import RunHistory
 from omni_loop.metrics import Metric
+from omni_platform.geometry import turned
 from omni_platform.quantities import FloatArray
 
 DELTA = 1.0
@@ -32,11 +33,8 @@ def odometry_path(history: RunHistory) -> FloatArray:
     unknown = np.zeros((3, 3))
     stamped = zip(map(int, history.stamp_ns), history.estimate, strict=True)
     path = np.array([integrator.update(stamp, twist, unknown).value for stamp, twist in stamped])
-    x, y, yaw = history.pose[0]
-    cosine, sine = math.cos(yaw), math.sin(yaw)
-    ahead, left, turned = path.T
-    place = x + cosine * ahead - sine * left, y + sine * ahead + cosine * left
-    return np.column_stack((*place, yaw + turned))
+    *place, yaw = history.pose[0]
+    return np.column_stack((place + turned(path[:, :2], yaw), yaw + path[:, 2]))
 
 
 def absolute_error(truth: FloatArray, path: FloatArray) -> float:
@@ -65,23 +63,12 @@ def relative_error(truth: FloatArray, path: FloatArray, delta: float = DELTA) ->
             first, way = index, 0.0
     if not pairs:
         return math.nan, 0
-    error = [_between(path, *pair)[:2] for pair in pairs]
-    true = [_between(truth, *pair)[:2] for pair in pairs]
+    begins, ends = np.array(pairs).T
+    error, true = (
+        turned(poses[ends, :2] - poses[begins, :2], -poses[begins, 2]) for poses in (path, truth)
+    )
     # The translation of true^-1 * error has the length of the difference of both translations.
-    return float(np.sqrt(np.mean(np.sum(np.subtract(error, true) ** 2, axis=1)))), len(pairs)
-
-
-def _between(path: FloatArray, first: int, last: int) -> FloatArray:
-    """Return a pose of a path in the frame of another pose: x, y, yaw [m, m, rad], shape (3,).
-
-    Args:
-        path: poses x, y, yaw in the world [m, m, rad], shape (T, 3).
-        first: index of the pose whose frame is used.
-        last: index of the pose to convert.
-    """
-    d_x, d_y, turn = path[last] - path[first]
-    cosine, sine = math.cos(path[first, 2]), math.sin(path[first, 2])
-    return np.array([cosine * d_x + sine * d_y, cosine * d_y - sine * d_x, turn])
+    return float(np.sqrt(np.mean(np.sum((error - true) ** 2, axis=1)))), len(pairs)
 
 
 def drift_metrics(history: RunHistory) -> dict[str, Metric]:

@@ -6,7 +6,6 @@ use it.
 """
 
 import dataclasses
-import math
 from collections.abc import Iterable, Iterator, Mapping
 from itertools import chain, starmap
 from typing import Any, Protocol
@@ -156,9 +155,7 @@ def record(
         states.append(moment.decision.state.value)
         for name, value in _sample(moment, estimate).items():
             samples.setdefault(name, []).append(np.array(value))
-    return history.RunHistory.from_samples(
-        wheel_names=wheel_names, assist_state=states, real_time_factor=math.nan, **samples
-    )
+    return history.RunHistory.from_samples(wheel_names=wheel_names, assist_state=states, **samples)
 
 
 _NOTHING = np.full(3, np.nan)

@@ -185,19 +185,17 @@ def _braking_metrics(history: RunHistory) -> dict[str, Metric]:
         "stopping_time": float(history.stamp_ns[stop] - history.stamp_ns[start]) * 1e-9,
         "peak_yaw_rate": float(np.max(np.abs(history.twist[start:, 2]))),
     }
-    notes = {"lateral_deviation": _NO_DIRECTION}
     # The stamp before braking is included, so that a release at the first stamp of braking is
     # counted.
     switchings = _switchings(history.enable[max(start - 1, 0) : stop + 1])
     values["brake_switchings"] = float(np.sum(switchings))
-    notes["brake_switchings"] = _NO_ENABLES
     for wheel, count in zip(history.wheel_names, switchings.tolist(), strict=True):
         values[f"brake_switchings.{wheel}"] = count
-        notes[f"brake_switchings.{wheel}"] = _NO_ENABLES
-    metrics = {
-        name: Metric(value, units[name], note=notes.get(name, "") if math.isnan(value) else "")
-        for name, value in values.items()
-    }
+    metrics = {}
+    for name, value in values.items():
+        reason = _NO_DIRECTION if name == "lateral_deviation" else _NO_ENABLES
+        note = reason if math.isnan(value) else ""
+        metrics[name] = Metric(value, units[name], note=note)
     return metrics | {"fail_safe_share": _fail_safe_share(history.assist_state[start : stop + 1])}
 
 
