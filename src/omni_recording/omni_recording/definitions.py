@@ -77,13 +77,13 @@ def find_message_definition(
         MessageDefinitionError: the name is malformed, or the type is not installed.
     """
     folders = installation_prefixes() if prefixes is None else tuple(prefixes)
-    description = _read_description(type_name, folders)
+    description = _read(type_name, ".json", folders)
     # The list of hashes names the type and all types that it contains.
     hashes = {entry["type_name"]: entry["hash_string"] for entry in description["type_hashes"]}
-    texts = [_read_text(type_name, folders)]
+    texts = [_read(type_name, ".msg", folders)]
     for dependency in sorted(hashes.keys() - {type_name}):
         package, _, name = dependency.split("/")
-        texts.append(f"{_SEPARATOR}\nMSG: {package}/{name}\n{_read_text(dependency, folders)}")
+        texts.append(f"{_SEPARATOR}\nMSG: {package}/{name}\n{_read(dependency, '.msg', folders)}")
     whole = description["type_description_msg"]
     nested = {entry["type_name"]: entry for entry in whole["referenced_type_descriptions"]}
     outer = whole["type_description"]
@@ -110,22 +110,14 @@ def _begins_with_time(current: Mapping[str, Any], nested: Mapping[str, Any]) -> 
     return True
 
 
-def _read_description(type_name: str, prefixes: Iterable[Path]) -> Mapping[str, Any]:
-    path = _find(type_name, ".json", prefixes)
-    try:
-        description: Mapping[str, Any] = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        raise MessageDefinitionError(f"{type_name}: {path} cannot be read: {error}") from None
-    return description
-
-
-def _read_text(type_name: str, prefixes: Iterable[Path]) -> str:
-    path = _find(type_name, ".msg", prefixes)
+def _read(type_name: str, ending: str, prefixes: Iterable[Path]) -> Any:
+    """Return the text of a ``.msg`` file or the content of a ``.json`` file of a message type."""
+    path = _find(type_name, ending, prefixes)
     try:
         text = path.read_text(encoding="utf-8")
+        return json.loads(text) if ending == ".json" else text.removesuffix("\n") + "\n"
     except (OSError, ValueError) as error:
         raise MessageDefinitionError(f"{type_name}: {path} cannot be read: {error}") from None
-    return text if text.endswith("\n") else text + "\n"
 
 
 def _find(type_name: str, ending: str, prefixes: Iterable[Path]) -> Path:

@@ -84,12 +84,9 @@ def run_process(make_node: Callable[[], Node], run: Callable[[Node, Spinner], No
             _initialize_ros()
             node = _make(make_node)
         run(node, Spinner(node, stop))
-    except ConfigurationError as error:
+    except (ConfigurationError, NodeError) as error:
         print(error, file=sys.stderr, flush=True)
-        return ExitCode.REFUSED
-    except NodeError as error:
-        print(error, file=sys.stderr, flush=True)
-        return ExitCode.FAILED
+        return ExitCode.FAILED if isinstance(error, NodeError) else ExitCode.REFUSED
     finally:
         if node is not None:
             _flush_publishers(node, stop)

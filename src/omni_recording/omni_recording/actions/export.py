@@ -159,11 +159,9 @@ class _ParquetTable:
         import pyarrow
         import pyarrow.parquet
 
-        kinds = {"string": "string", "bool": "bool_", "float32": "float32", "float64": "float64"}
-        kinds |= {"byte": "uint8", "char": "uint8"}
-        kinds |= {f"{sign}int{bits}": f"{sign}int{bits}" for sign in ("", "u") for bits in _BITS}
+        kinds = {"bool": "bool_", "byte": "uint8", "char": "uint8"}  # others have the same name
         self._schema = pyarrow.schema(
-            [(name, getattr(pyarrow, kinds[kind])()) for name, kind in columns.items()]
+            [(name, getattr(pyarrow, kinds.get(kind, kind))()) for name, kind in columns.items()]
         )
         self._make = pyarrow.RecordBatch.from_pylist
         self._writer = pyarrow.parquet.ParquetWriter(path, self._schema)
@@ -181,9 +179,6 @@ class _ParquetTable:
     def _flush(self) -> None:
         self._writer.write_batch(self._make(self._rows, schema=self._schema))
         self._rows = []
-
-
-_BITS = (8, 16, 32, 64)
 
 
 def _table_maker(form: str) -> type[_CsvTable] | type[_ParquetTable]:
