@@ -17,7 +17,6 @@ from omni_process import WORKSPACE, omni_here
 from omni_bringup.cli import main
 from omni_loop.history import RunHistory
 from omni_loop.metrics import run_metrics
-from omni_sim.vehicle.loads import MassProperties
 from omni_tools.report.document import report_page
 from omni_tools.report.recording import ReportedRun, read_reported_run
 
@@ -315,7 +314,7 @@ def test_the_arrows_are_the_forces_that_move_the_vehicle(sample: ReportedRun) ->
     assert sample.forces is not None
     assert sample.configuration is not None
     vehicle, history = sample.configuration.vehicle, sample.history
-    masses = MassProperties.of(vehicle.body, vehicle.load)
+    masses = vehicle.masses
     yaw = history.pose[:, 2]
     center = history.pose[:, :2] + np.column_stack(
         (

@@ -8,7 +8,6 @@ from omni_figures.style import save_figure
 from omni_figures.time_series import time_series
 from omni_figures.top_view import top_view
 from omni_loop import experiment, history
-from omni_sim.vehicle.loads import MassProperties
 
 TOP_VIEW = "top_view.png"
 TIME_SERIES = "time_series.png"
@@ -41,7 +40,7 @@ def draw_run_figures(
 def scene_of(configuration: experiment.ExperimentConfiguration) -> Scene:
     """Return the vehicle and ground of an experiment as a `Scene`."""
     vehicle = configuration.vehicle
-    center = MassProperties.of(vehicle.body, vehicle.load).center
+    center = vehicle.masses.center
     return Scene(
         chassis_length=vehicle.chassis_length,
         chassis_width=vehicle.chassis_width,

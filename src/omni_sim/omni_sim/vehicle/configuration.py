@@ -108,6 +108,11 @@ class VehicleConfiguration(Configuration):
         return np.array([self.chassis_length, self.chassis_width])
 
     @property
+    def masses(self) -> loads.MassProperties:
+        """Mass properties of body and load together."""
+        return loads.MassProperties.of(self.body, self.load)
+
+    @property
     def contacts_move(self) -> bool:
         """Whether the contact points move along the rollers."""
         return self.wheel_model == "rollers" or self.contact == "roller"
@@ -157,7 +162,7 @@ class VehicleConfiguration(Configuration):
             raise ConfigurationError(
                 "wheels", f"at most {loads.MAXIMUM_WHEELS} wheels are supported"
             )
-        masses = loads.MassProperties.of(self.body, self.load)
+        masses = self.masses
         if masses.yaw_inertia <= 0.0:
             raise ConfigurationError("body.yaw_inertia", "the vehicle must have a yaw inertia")
         hull = position[loads.support_polygon(position)]

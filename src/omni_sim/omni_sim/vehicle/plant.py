@@ -12,26 +12,21 @@ from omni_sim.ground.friction import FrictionMap
 from omni_sim.tire.combined_slip import passive_parameters
 from omni_sim.vehicle import state
 from omni_sim.vehicle.configuration import VehicleConfiguration
-from omni_sim.vehicle.loads import GRAVITY, MassProperties, load_plane, support_polygon, wheel_loads
+from omni_sim.vehicle.loads import GRAVITY, load_plane, support_polygon, wheel_loads
 from omni_sim.wheel.roller_geometry import AXIS
 
 
 def build_plant(
-    configuration: VehicleConfiguration,
-    kinematics: PlatformKinematics,
-    masses: MassProperties,
-    friction: FrictionMap,
-    physics_step: float,
+    configuration: VehicleConfiguration, friction: FrictionMap, physics_step: float
 ) -> state.Plant:
     """Return the constants of a vehicle for the kernel.
 
     Args:
         configuration: configuration of the vehicle.
-        kinematics: kinematics of the wheels.
-        masses: body and load together.
         friction: friction of the ground.
         physics_step: length of a step [s].
     """
+    kinematics, masses = PlatformKinematics.of(configuration.wheels), configuration.masses
     geometry = kinematics.geometry
     tire, brake = configuration.tire, configuration.brake
     # Ratio of the deceleration that a velocity drive commands to the brake torque [m/s^2 per N m].
@@ -49,7 +44,7 @@ def build_plant(
         filter_share=physics_step / (physics_step + configuration.load_transfer_time),
         contact=structured(state.CONTACT, lever, geometry.active, moment, rim),
         radius=geometry.radius,
-        mobility=_mobility(configuration, masses, lever, geometry.active, moment),
+        mobility=_mobility(configuration, lever, geometry.active, moment),
         rolling=np.zeros((len(lever), 3)),
         position=lever,
         plane=load_plane(lever),
@@ -77,10 +72,7 @@ def build_plant(
 
 
 def build_losses(
-    configuration: VehicleConfiguration,
-    kinematics: PlatformKinematics,
-    masses: MassProperties,
-    plant: state.Plant,
+    configuration: VehicleConfiguration, plant: state.Plant
 ) -> tuple[state.Plant, state.Losses]:
     """Return a plant whose mobilities include the passive losses, and the constants of the losses.
 
@@ -88,14 +80,12 @@ def build_losses(
 
     Args:
         configuration: configuration of the vehicle.
-        kinematics: kinematics of the wheels.
-        masses: body and load together.
         plant: plant from `build_plant`.
     """
     losses = configuration.passive_losses
     if not losses.active or configuration.wheel_model == "rollers":
         return plant, state.Losses(np.zeros(0, state.LOSS), 0.0, 0.0, 0.0)
-    geometry = kinematics.geometry
+    geometry, masses = PlatformKinematics.of(configuration.wheels).geometry, configuration.masses
     lever = geometry.position - masses.center
     moment = cross(lever, geometry.passive)
     rim = np.sum(geometry.passive * geometry.rolling, axis=1)
@@ -138,15 +128,13 @@ def build_rollers(configuration: VehicleConfiguration) -> state.Rollers | None:
     )
 
 
-def build_suspension(
-    configuration: VehicleConfiguration, masses: MassProperties
-) -> state.Suspension:
+def build_suspension(configuration: VehicleConfiguration) -> state.Suspension:
     """Return the suspension of a chassis for the kernel.
 
     Args:
         configuration: configuration of the vehicle.
-        masses: body and load together.
     """
+    masses = configuration.masses
     springs, n = configuration.suspension, len(configuration.wheels)
     box = masses.mass / 12.0 * (4.0 * masses.height**2 + np.square(configuration.chassis_size))
     return state.Suspension(
@@ -180,11 +168,7 @@ def structured(kind: np.dtype[np.void], *columns: FloatArray) -> state.Structure
 
 
 def _mobility(
-    configuration: VehicleConfiguration,
-    masses: MassProperties,
-    lever: FloatArray,
-    active: FloatArray,
-    moment: FloatArray,
+    configuration: VehicleConfiguration, lever: FloatArray, active: FloatArray, moment: FloatArray
 ) -> FloatArray:
     """Return the sum of absolute values in each row of the mobility matrix [1/kg], shape (N,).
 
@@ -193,11 +177,11 @@ def _mobility(
 
     Args:
         configuration: configuration of the vehicle.
-        masses: body and load together.
         lever: wheel centers from the center of gravity [m], shape (N, 2).
         active: active directions, shape (N, 2).
         moment: moments of unit forces along the active directions [m], shape (N,).
     """
+    masses = configuration.masses
     if configuration.contacts_move:
         jump = np.array([geometry.jump for geometry in configuration.roller_geometries])
         # This upper bound is valid for all wheel angles; two rollers may carry a wheel.

@@ -77,7 +77,7 @@ class Vehicle:
             raise VehicleInputError(f"physics step {physics_step} s must be in (0, 0.01] s")
         self.configuration = configuration
         self.kinematics = kinematics.PlatformKinematics.of(configuration.wheels)
-        self.masses = loads.MassProperties.of(configuration.body, configuration.load)
+        self.masses = configuration.masses
         self.physics_step = physics_step
         self.state = self._build_state(friction or FrictionMap(), elevation)
         n = len(configuration.wheels)
@@ -96,10 +96,8 @@ class Vehicle:
         self, friction: FrictionMap, elevation: ElevationConfiguration | None
     ) -> layout.State:
         configuration, brake = self.configuration, self.configuration.brake
-        plant = build_plant(
-            configuration, self.kinematics, self.masses, friction, self.physics_step
-        )
-        plant, losses = build_losses(configuration, self.kinematics, self.masses, plant)
+        plant = build_plant(configuration, friction, self.physics_step)
+        plant, losses = build_losses(configuration, plant)
         n = len(configuration.wheels)
         lag = brake.time_constant, brake.dead_time
         valves = brake.pressure_step, brake.release_time
@@ -107,7 +105,7 @@ class Vehicle:
             plant=plant,
             terrain=(elevation or ElevationConfiguration()).terrain,
             losses=losses,
-            suspension=build_suspension(configuration, self.masses),
+            suspension=build_suspension(configuration),
             body=np.zeros(1, layout.BODY),
             contacts=plant.contact.copy(),
             rollers=build_rollers(configuration),

@@ -12,7 +12,7 @@ from omni_platform.geometry import WheelMount
 from omni_platform.kinematics import PlatformKinematics, UnusablePlatformError
 from omni_sim.tire.tire import TireConfiguration
 from omni_sim.vehicle.configuration import VehicleConfiguration
-from omni_sim.vehicle.loads import MassConfiguration, MassProperties
+from omni_sim.vehicle.loads import MassConfiguration
 
 
 def test_forklift_is_a_mecanum_platform_in_the_order_of_equation_35(
@@ -26,7 +26,7 @@ def test_forklift_is_a_mecanum_platform_in_the_order_of_equation_35(
 
 
 def test_forklift_is_loaded_at_the_front_left(forklift: VehicleConfiguration) -> None:
-    center = MassProperties.of(forklift.body, forklift.load).center
+    center = forklift.masses.center
     assert np.all(center >= 0.0999)
     assert np.all(center <= 0.15)
 

@@ -12,7 +12,6 @@ from omni_platform.geometry import turned
 from omni_platform.quantities import FloatArray
 from omni_sim.configuration import GroundConfiguration
 from omni_sim.vehicle.configuration import VehicleConfiguration
-from omni_sim.vehicle.loads import MassProperties
 from omni_studies.campaign.random_braking import RandomBraking, draw
 from omni_tools.limit import bounds as limit
 
@@ -130,12 +129,6 @@ def _bound(
     return bound.distance, bound.tolerance
 
 
-def _braking(run: FastRun, experiment: ExperimentConfiguration) -> FloatArray:
-    """Return x, y [m], yaw [rad] of base_link from the start of braking on, shape (T, 3)."""
-    ramp = experiment.maneuver.pedal_ramp_time > 0.0  # a ramp starts with the pedal up
-    return run.pose[(run.brake_start or 0) - int(ramp) :]
-
-
 def _maneuver(run: FastRun, experiment: ExperimentConfiguration) -> limit.Maneuver:
     """Return the motion at the start of braking; a residual yaw rate is set to zero."""
     scripted, pose = experiment.maneuver, _braking(run, experiment)
@@ -145,9 +138,15 @@ def _maneuver(run: FastRun, experiment: ExperimentConfiguration) -> limit.Maneuv
     return limit.Maneuver(pose[0], twist, scripted.pedal, scripted.pedal_ramp_time)
 
 
+def _braking(run: FastRun, experiment: ExperimentConfiguration) -> FloatArray:
+    """Return x, y [m], yaw [rad] of base_link from the start of braking on, shape (T, 3)."""
+    ramp = experiment.maneuver.pedal_ramp_time > 0.0  # a ramp starts with the pedal up
+    return run.pose[(run.brake_start or 0) - int(ramp) :]
+
+
 def _path(run: FastRun, experiment: ExperimentConfiguration) -> float:
     """Return the length of the path of the center of gravity while braking [m]."""
-    center = MassProperties.of(experiment.vehicle.body, experiment.vehicle.load).center
+    center = experiment.vehicle.masses.center
     pose = _braking(run, experiment)
     moved = np.diff(pose[:, :2] + turned(np.asarray(center), pose[:, 2]), axis=0)
     return float(np.sum(np.hypot(*moved.T)))

@@ -24,7 +24,7 @@ from omni_platform import kinematics, quantities
 from omni_platform.configuration import ConfigurationError
 from omni_sim.ground.friction import FrictionPatch
 from omni_sim.vehicle.configuration import VehicleConfiguration
-from omni_sim.vehicle.loads import GRAVITY, MassConfiguration, MassProperties, load_plane
+from omni_sim.vehicle.loads import GRAVITY, MassConfiguration, load_plane
 from omni_studies.identification import table_2
 
 
@@ -194,7 +194,7 @@ def assumption_violation(vehicle: VehicleConfiguration) -> float:
     The load must be between the wheels, and at rest no wheel may exceed the load range of its tire.
     """
     position = kinematics.PlatformKinematics(vehicle.wheels).geometry.position
-    masses = MassProperties.of(vehicle.body, vehicle.load)
+    masses = vehicle.masses
     carried = masses.mass * GRAVITY * load_plane(position - masses.center)[:, 0]
     overload = max(float(carried.max()) / vehicle.tire.largest_load - 1.0, 0.0)
     overhang = np.abs([vehicle.load.x, vehicle.load.y]) / np.abs(position).max(axis=0) - 1.0

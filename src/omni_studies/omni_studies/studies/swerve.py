@@ -24,7 +24,6 @@ from omni_platform.configuration import Configuration, parameter
 from omni_platform.geometry import PlatformGeometry, cross
 from omni_platform.quantities import FloatArray
 from omni_sim.vehicle.configuration import VehicleConfiguration
-from omni_sim.vehicle.loads import MassProperties
 from omni_sim.vehicle.vehicle import Vehicle
 from omni_studies.identification.figures import weighting_functions
 from omni_studies.study import StudyResult, StudyRun
@@ -131,7 +130,7 @@ def locked(configuration: VehicleConfiguration, speed: float, after: float = 0.1
     everywhere = np.ones(len(configuration.wheels))
     vehicle.advance(round(after / vehicle.physics_step), 1.0, everywhere, np.zeros(3))
     wheels = vehicle.wheels
-    masses = MassProperties.of(configuration.body, configuration.load)
+    masses = configuration.masses
     return LockedWheels(configuration, wheels["force"].copy(), wheels["load"].copy(), masses.center)
 
 

@@ -13,7 +13,7 @@ from omni_loop.experiment import ExperimentLibrary
 from omni_platform.command_options import parse_options
 from omni_platform.configuration import ConfigurationError
 from omni_sim.vehicle.configuration import VehicleConfiguration
-from omni_sim.vehicle.loads import GRAVITY, MassProperties
+from omni_sim.vehicle.loads import GRAVITY
 from omni_studies.studies import wheels
 from omni_studies.study import StudyRun, run_study
 from omni_studies.wheels.trials import (
@@ -46,7 +46,7 @@ def forklift(library: ExperimentLibrary) -> VehicleConfiguration:
 
 def test_free_wheels_resist_a_push_with_their_spin_alone(forklift: VehicleConfiguration) -> None:
     result = outcome(with_wheels(forklift, SINGLE, 12), TRIALS["push"], np.zeros((1, 4)))
-    mass = MassProperties.of(forklift.body, forklift.load).mass
+    mass = forklift.masses.mass
     push = TRIALS["push"].push[1] * mass * GRAVITY
     spin = 4.0 * forklift.wheel_inertia / 0.2**2  # as a mass, wheels turning with v / R
     assert result.force[0, 1] == pytest.approx(-push * spin / (mass + spin), rel=0.05)
@@ -56,7 +56,7 @@ def test_free_wheels_resist_a_push_with_their_spin_alone(forklift: VehicleConfig
 
 
 def test_mean_force_of_a_wheel_carries_its_part_of_the_push(forklift: VehicleConfiguration) -> None:
-    mass = MassProperties.of(forklift.body, forklift.load).mass
+    mass = forklift.masses.mass
     wheels = with_wheels(forklift, ROLLERS, 12)
     total = sum(
         float(force_trace(wheels, wheel, 2.0 * math.pi / 3.0)[1][:, 0].mean()) for wheel in range(4)

@@ -35,7 +35,7 @@ from omni_platform.configuration import WorkError
 from omni_platform.geometry import PlatformGeometry, cross, turned
 from omni_platform.kinematics import PlatformKinematics
 from omni_platform.quantities import BoolArray, FloatArray, IntArray
-from omni_sim.vehicle import configuration, loads
+from omni_sim.vehicle import configuration
 from omni_tools.brakes.data import BrakeData, BrakeDataError
 
 _SLOWEST = 0.5  # wheel speed below which a wheel counts as locked [rad/s]
@@ -199,7 +199,7 @@ def _equations(
         vehicle: vehicle, which gives masses, wheels and wheel inertia.
         longest: an interval between two samples is omitted if it is at least this long [s].
     """
-    masses = loads.MassProperties.of(vehicle.body, vehicle.load)
+    masses = vehicle.masses
     geometry = PlatformGeometry.from_wheels(vehicle.wheels)
     arm = geometry.position - masses.center
     rolling = _rolling_share(stop, vehicle)

@@ -26,7 +26,7 @@ from omni_platform.kinematics import PlatformKinematics
 from omni_platform.quantities import FloatArray
 from omni_sim.tire.interface.model import curve_at
 from omni_sim.vehicle.configuration import VehicleConfiguration
-from omni_sim.vehicle.loads import GRAVITY, MassProperties, load_plane
+from omni_sim.vehicle.loads import GRAVITY, load_plane
 from omni_tools.limit import bounds, forces
 
 _SOLVER = {"print_level": 0, "max_iter": 400, "tol": 1e-6, "sb": "yes"}
@@ -136,7 +136,7 @@ class OptimalStop:
         self._program, self._intervals = program, program.intervals
         self._vehicle = vehicle
         self._geometry = PlatformKinematics(vehicle.wheels).geometry
-        self._masses = MassProperties.of(vehicle.body, vehicle.load)
+        self._masses = vehicle.masses
         limit = forces.LimitVehicle(vehicle)
         self._friction = friction * limit.grip
         self._torque = vehicle.by_wheel("brake") * vehicle.brake.max_torque * maneuver.pedal

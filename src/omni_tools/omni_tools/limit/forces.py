@@ -96,7 +96,7 @@ class LimitVehicle:
 
     def __init__(self, vehicle: configuration.VehicleConfiguration) -> None:
         geometry = PlatformKinematics(vehicle.wheels).geometry
-        self.masses = loads.MassProperties.of(vehicle.body, vehicle.load)
+        self.masses = vehicle.masses
         self.position = geometry.position
         self.active = geometry.active
         self._passive = geometry.passive

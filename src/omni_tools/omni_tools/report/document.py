@@ -34,7 +34,7 @@ from omni_loop.history import RunHistory
 from omni_platform.geometry import PlatformGeometry, turned
 from omni_platform.quantities import FloatArray
 from omni_sim.vehicle.configuration import VehicleConfiguration
-from omni_sim.vehicle.loads import GRAVITY, MassProperties, load_plane, support_polygon, wheel_loads
+from omni_sim.vehicle.loads import GRAVITY, load_plane, support_polygon, wheel_loads
 from omni_tools.report import recording
 from omni_tools.report.recording import ReportedRun, Series
 
@@ -222,7 +222,7 @@ def flat_ground_loads(vehicle: VehicleConfiguration, history: RunHistory) -> Flo
     Returns:
         Loads [N], shape (T, N), in the order of the history's wheels.
     """
-    masses = MassProperties.of(vehicle.body, vehicle.load)
+    masses = vehicle.masses
     position = _geometry(vehicle, history).position - masses.center
     plane, hull = load_plane(position), support_polygon(position)
     acceleration = _acceleration(masses.center, history)

@@ -16,7 +16,6 @@ from omni_sim.configuration import GroundConfiguration
 from omni_sim.texture.cache import TextureCache
 from omni_sim.tire.tire import Tire, TireConfiguration
 from omni_sim.vehicle.configuration import VehicleConfiguration
-from omni_sim.vehicle.loads import MassProperties
 from omni_tools.vehicles.plausibility import brakes_over_grip, camera_speed, plain, wheel_facts
 from omni_tools.vehicles.rollers import Rollers
 
@@ -25,7 +24,7 @@ _FROM_ABOVE: dict[str, Any] = {"x": "right of the middle [m]", "y": "ahead of th
 
 def vehicle_in_words(vehicle: VehicleConfiguration) -> dict[str, str]:
     """Return texts that describe a vehicle's size, masses, wheels and brakes, keyed by label."""
-    masses = MassProperties.of(vehicle.body, vehicle.load)
+    masses = vehicle.masses
     facts = wheel_facts(vehicle)
     loads = [fact.load for fact in facts.values()]
     radii = sorted({mount.radius for mount in vehicle.wheels.values()})
@@ -80,7 +79,7 @@ def draw_vehicle(
             ha="left" if side > 0.0 else "right",
             va="center",
         )
-    masses = MassProperties.of(vehicle.body, vehicle.load)
+    masses = vehicle.masses
     axes.plot(
         *ahead_up(masses.center[None])[0], "o", color=style.VERMILLION, label="center of gravity"
     )
@@ -140,13 +139,10 @@ def ground_in_words(ground: GroundConfiguration) -> dict[str, str]:
 def draw_ground(ground: GroundConfiguration, name: str, edge: float = 0.2) -> Figure:
     """Draw a square section, `edge` [m] long, of a ground in gray levels."""
     texture = TextureCache.of_user().texture(ground.texture)
-    count = min(len(texture.gray), max(1, round(edge / texture.texel)))
-    edge = 1e3 * count * texture.texel
-    piece = texture.gray[:count, :count]
+    figure, ((axes,),) = style.panels("", size=(6.0, 6.4))
+    piece = style.draw_texture(axes, texture.gray, texture.texel, edge)
     words = f"gray levels {piece.min()} to {piece.max()}, mean {piece.mean():.0f}"
-    figure, ((axes,),) = style.panels(f"{name}: {words}", size=(6.0, 6.4), x="x [mm]", y="y [mm]")
-    axes.grid(False)
-    axes.imshow(piece, cmap="gray", vmin=0, vmax=255, origin="lower", extent=(0, edge, 0, edge))
+    figure.suptitle(f"{name}: {words}", x=0.01, ha="left")
     return figure
 
 

@@ -14,7 +14,7 @@ from omni_platform.sensors import OVERLAP, LineSensor, Mount
 from omni_sim.driver.scripted import ManeuverConfiguration, ScriptedDriver
 from omni_sim.tire.tire import Tire
 from omni_sim.vehicle.configuration import VehicleConfiguration
-from omni_sim.vehicle.loads import GRAVITY, MassProperties, load_plane
+from omni_sim.vehicle.loads import GRAVITY, load_plane
 from omni_tools.vehicles.rollers import roller_remarks
 
 # Plausible ranges of ratios [1]. load: wheel load to the largest load of the tire. brake and drive:
@@ -57,7 +57,7 @@ def wheel_facts(vehicle: VehicleConfiguration, friction: float = 1.0) -> dict[st
         vehicle: vehicle with any number of wheels; the loads are computed for a rigid chassis.
         friction: friction factor of the ground [1].
     """
-    masses = MassProperties.of(vehicle.body, vehicle.load)
+    masses = vehicle.masses
     geometry = PlatformGeometry.from_wheels(vehicle.wheels)
     loads = load_plane(geometry.position - masses.center)[:, 0] * masses.mass * GRAVITY
     grips = friction * vehicle.by_wheel("friction")
@@ -198,7 +198,7 @@ def _drive_remarks(vehicle: VehicleConfiguration) -> Iterator[str]:
 
 
 def _inertia_remarks(vehicle: VehicleConfiguration) -> Iterator[str]:
-    masses = MassProperties.of(vehicle.body, vehicle.load)
+    masses = vehicle.masses
     plate = masses.mass * (vehicle.chassis_length**2 + vehicle.chassis_width**2) / 12.0
     ratio = masses.yaw_inertia / plate
     low, high = _PLAUSIBLE["yaw_inertia"]

@@ -14,7 +14,7 @@ from omni_platform.geometry import cross
 from omni_sim.configuration import GroundConfiguration
 from omni_sim.ground.friction import FrictionPatch
 from omni_sim.vehicle.configuration import VehicleConfiguration
-from omni_sim.vehicle.loads import GRAVITY, MassConfiguration, MassProperties, load_plane
+from omni_sim.vehicle.loads import GRAVITY, MassConfiguration, load_plane
 from omni_sim.vehicle.suspension import SuspensionConfiguration
 from omni_tools.limit.bounds import (
     Maneuver,
@@ -89,7 +89,7 @@ def test_no_random_forces_slow_a_straight_stop_down_faster(
     e = np.array([math.cos(math.radians(direction)), math.sin(math.radians(direction))])
     found = limit.strongest(e, Case(np.ones(4), straight=True))
     assert found is not None
-    masses = MassProperties.of(forklift.body, forklift.load)
+    masses = forklift.masses
     plane = load_plane(limit.position - masses.center)
     wrench = np.vstack((limit.active.T, limit.lever))
     wanted = np.linalg.lstsq(wrench, np.append(-e, 0.0), rcond=None)[0]
@@ -178,7 +178,7 @@ def test_no_run_is_below_its_bounds(
     run = run_fast_loop(experiment)
     maneuver = maneuver_of(experiment.maneuver)
     any_bound = any_heading_bound(experiment.vehicle, experiment.ground, maneuver)
-    center = MassProperties.of(experiment.vehicle.body, experiment.vehicle.load).center
+    center = experiment.vehicle.masses.center
     yaw = run.pose[run.brake_start :, 2]
     turned = np.column_stack(
         (

@@ -19,7 +19,7 @@ from omni_loop.history import RunHistory
 from omni_loop.metrics import run_metrics
 from omni_platform.kinematics import PlatformKinematics
 from omni_sim.vehicle.configuration import VehicleConfiguration
-from omni_sim.vehicle.loads import GRAVITY, MassProperties
+from omni_sim.vehicle.loads import GRAVITY
 from omni_tools.report.document import flat_ground_loads, report_document, report_page, rim_slips
 from omni_tools.report.recording import (
     ReportedRun,
@@ -79,7 +79,7 @@ def test_loads_balance_weight_and_inertia(
 ) -> None:
     history = make_history(deceleration=4.0, speed=8.0)
     loads = flat_ground_loads(vehicle, history)
-    masses = MassProperties.of(vehicle.body, vehicle.load)
+    masses = vehicle.masses
     weight = masses.mass * GRAVITY
     assert np.sum(loads, axis=1) == pytest.approx(weight, rel=1e-9)
     places = np.array([(vehicle.wheels[n].x, vehicle.wheels[n].y) for n in history.wheel_names])
