@@ -83,6 +83,27 @@ def panels(
     return figure, grid
 
 
+def tiles(
+    title: str, count: int, columns: int, *, size: tuple[float, float], **look: Any
+) -> tuple[Figure, list[Axes]]:
+    """Return a figure with `count` equal panels in at most `columns` columns, and their axes.
+
+    Args:
+        title: title of the figure; may be empty.
+        count: number of panels.
+        columns: largest number of columns.
+        size: width and height of a panel with its share of the margins [in].
+        **look: further arguments of `panels`.
+    """
+    columns = min(columns, count)
+    rows = -(-count // columns)
+    whole = size[0] * columns, size[1] * rows + 0.6
+    figure, grid = panels(title, rows, columns, size=whole, **look)
+    for axes in grid.flat[count:]:
+        axes.set_visible(False)
+    return figure, list(grid.flat[:count])
+
+
 def legend_below(figure: Figure, columns: int) -> None:
     """Draw a legend with the labels of all axes below a figure, in at most `columns` columns."""
     found: dict[str, Any] = {}
@@ -91,6 +112,23 @@ def legend_below(figure: Figure, columns: int) -> None:
         found |= zip(labels, handles, strict=True)
     columns = min(columns, len(found))
     figure.legend(list(found.values()), list(found), loc="outside lower center", ncols=columns)
+
+
+def draw_texture(axes: Axes, gray: Any, texel: float, edge: float) -> Any:
+    """Draw a square section of a texture, and return its gray levels.
+
+    Args:
+        axes: axes to draw on.
+        gray: gray levels of the texture, 0 to 255.
+        texel: size of a pixel of the texture [m].
+        edge: length of the section [m]; the whole texture is drawn if it is shorter.
+    """
+    count = min(len(gray), max(1, round(edge / texel)))
+    piece, side = gray[:count, :count], 1e3 * count * texel
+    axes.grid(False)
+    axes.imshow(piece, cmap="gray", vmin=0, vmax=255, origin="lower", extent=(0, side, 0, side))
+    axes.set(xlabel="x [mm]", ylabel="y [mm]")
+    return piece
 
 
 def note(

@@ -10,7 +10,7 @@ from matplotlib.colors import BoundaryNorm, ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.patheffects import withStroke
 
-from omni_figures.style import BLACK, panels
+from omni_figures.style import BLACK, draw_texture, panels
 from omni_platform.quantities import FloatArray
 from omni_sim.texture.texture import GroundTexture
 from omni_studies.line_trials import view_grid
@@ -62,7 +62,9 @@ def draw_error_maps(
     size = (3.6 * columns + 1.0, 3.6 * len(rows) + 0.6)
     figure, grid = panels(title, len(rows), columns, size=size)
     for own, (name, ground) in zip(grid, (grounds or {}).items(), strict=False):
-        _draw_ground(own[0], name, ground)
+        # As in Figure 59.
+        draw_texture(own[0], ground.gray, ground.texel, 0.02)
+        own[0].set_title(name)
     for own, row in zip(grid, rows, strict=True):
         maps = own[first : first + len(row)]
         for axes, (name, error) in zip(maps, row.items(), strict=True):
@@ -94,16 +96,3 @@ def _draw_map(
         text.set_path_effects([withStroke(linewidth=3.0, foreground="white")])
     axes.set_xlabel(scales[0].label)
     axes.set_ylabel(scales[1].label)
-
-
-def _draw_ground(axes: Axes, name: str, ground: GroundTexture, shown: float = 0.02) -> None:
-    """Draw a square section of the ground with the edge length `shown` [m], as in Figure 59."""
-    texels = min(len(ground.gray), round(shown / ground.texel))
-    edge = 1e3 * texels * ground.texel
-    gray = ground.gray[:texels, :texels]
-    axes.grid(False)
-    axes.imshow(gray, cmap="gray", vmin=0, vmax=255, origin="lower", extent=(0, edge, 0, edge))
-    axes.grid(visible=False)
-    axes.set_title(name)
-    axes.set_xlabel("x [mm]")
-    axes.set_ylabel("y [mm]")

@@ -245,10 +245,6 @@ def odometry_lag(history: RunHistory) -> float:
     return -float(np.sum(error[known] * acceleration[known])) / square if square else math.nan
 
 
-def _case_in_words(case: tuple[str, str]) -> str:
-    return f"{case[0].replace('_', ' ')}: {case[1]}"
-
-
 def _draw_stops(comparisons: Comparisons, metrics: Mapping[str, Metric]) -> Figure:
     """Draw the stops of all cases with both sources of feedback, and their differences."""
     title = "Assisted braking with both kinds of feedback"
@@ -274,16 +270,15 @@ def _draw_stops(comparisons: Comparisons, metrics: Mapping[str, Metric]) -> Figu
     return figure
 
 
-def _draw_orientations(comparisons: Comparisons, most: int = 4) -> Figure:
+def _case_in_words(case: tuple[str, str]) -> str:
+    return f"{case[0].replace('_', ' ')}: {case[1]}"
+
+
+def _draw_orientations(comparisons: Comparisons) -> Figure:
     """Draw the orientation over time, with both sources of feedback in one panel for each case."""
-    columns = min(most, len(comparisons))
-    rows = -(-len(comparisons) // columns)
-    figure, grid = style.panels("", rows, columns, size=(3.3 * columns + 0.6, 2.7 * rows + 0.7))
-    panels = grid.ravel()
-    for axes in panels[len(comparisons) :]:
-        axes.set_visible(False)
+    figure, panels = style.tiles("", len(comparisons), 4, size=(3.45, 2.7))
     looks = {"sensor": (style.BLUE, 2.4), "optical": (style.VERMILLION, 1.2)}
-    for axes, (case, runs) in zip(panels, comparisons.items(), strict=False):
+    for axes, (case, runs) in zip(panels, comparisons.items(), strict=True):
         for feedback, history in runs.items():
             start, (color, width) = history.brake_start or 0, looks[feedback]
             yaw = history.pose[start:, 2]

@@ -19,7 +19,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import scipy
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from scipy.spatial import distance
 
@@ -222,10 +221,6 @@ def run(options: LineOptions, study: StudyRun) -> StudyResult:
     return study.result(metrics)
 
 
-def _view(shape: float) -> View:
-    return View(length=_LENGTH, width=shape * _LENGTH)
-
-
 def _trials(kind: str, options: LineOptions) -> list[Trial]:
     views = [_view(shape) for shape in _SHAPES]
     texture = ground(kind, options.texels)
@@ -246,6 +241,10 @@ def _trials(kind: str, options: LineOptions) -> list[Trial]:
         error = float(np.sqrt(np.mean(matches.error[right] ** 2))) if right.any() else math.nan
         trials.append(Trial(shape, overlap, contrast, correlation, float(right.mean()), error))
     return trials
+
+
+def _view(shape: float) -> View:
+    return View(length=_LENGTH, width=shape * _LENGTH)
 
 
 def _correlation(old: FloatArray, new: FloatArray, shift: int) -> float:
@@ -386,22 +385,10 @@ def _appearance(
     return Appearance(*look, frequency, spectrum, median, sensor.pixel_pitch / texture.texel)
 
 
-def _panels(
-    title: str, count: int, size: tuple[float, float], columns: int = 6, **look: Any
-) -> tuple[Figure, list[Axes]]:
-    """Return a figure with `count` panels, each with a given size [in]."""
-    rows = math.ceil(count / columns)
-    whole = size[0] * columns, size[1] * rows + 0.6
-    figure, grid = style.panels(title, rows, columns, size=whole, **look)
-    for axes in list(grid.flat)[count:]:
-        axes.set_axis_off()
-    return figure, list(grid.flat)[:count]
-
-
 def _plate(appearances: dict[str, Appearance]) -> Figure:
     title = "Grounds, 100 x 100 mm each (Figures 59, 67), and the contrast of lines 20 mm wide"
-    figure, panels = _panels(title, len(appearances), (2.2, 2.65))
-    for axes, (name, appearance) in zip(panels, appearances.items(), strict=False):
+    figure, panels = style.tiles(title, len(appearances), 6, size=(2.2, 2.65))
+    for axes, (name, appearance) in zip(panels, appearances.items(), strict=True):
         axes.set_axis_off()
         axes.imshow(appearance.patch, cmap="gray", vmin=0.0, vmax=255.0, origin="lower")
         axes.set_title(f"{name.replace('_', ' ')}: {appearance.contrast:.1f}", pad=3.0)
@@ -412,9 +399,9 @@ def _spectra(appearances: dict[str, Appearance]) -> Figure:
     title = (
         "Spectra of lines 20 mm wide; dashed: noise of 1 gray level; vertical: half of the power"
     )
-    words: dict[str, Any] = {"x": "cycles per mm", "y": "levels² mm"}
-    figure, panels = _panels(title, len(appearances), (2.3, 2.0), **words, sharex=True, sharey=True)
-    for axes, (name, appearance) in zip(panels, appearances.items(), strict=False):
+    look: dict[str, Any] = {"x": "cycles per mm", "y": "levels² mm", "sharex": True, "sharey": True}
+    figure, panels = style.tiles(title, len(appearances), 6, size=(2.3, 2.0), **look)
+    for axes, (name, appearance) in zip(panels, appearances.items(), strict=True):
         axes.loglog(appearance.frequency, appearance.spectrum, color=style.BLUE, linewidth=1.0)
         axes.axhline(
             0.5 / appearance.frequency[-1], color=style.GRAY, linestyle="--", linewidth=0.9

@@ -277,8 +277,8 @@ def _finding(stops: Sequence[Stop]) -> str:
 
 def _draw_stops(groups: dict[str, list[Stop]]) -> Figure:
     """Draw distance and rotation of all stops, one panel for each group."""
-    figure, grid = style.panels("", -(-len(groups) // 3), 3, size=(11.0, 9.0), sharey=True)
-    for axes, (group, stops) in zip(grid.flat, groups.items(), strict=False):
+    figure, panels = style.tiles("", len(groups), 3, size=(3.67, 2.8), sharey=True)
+    for axes, (group, stops) in zip(panels, groups.items(), strict=True):
         for index, channel in enumerate(sorted({stop.channel for stop in stops})):
             chosen = [stop for stop in stops if stop.counted and stop.channel == channel]
             places = [stop.distance for stop in chosen], [stop.rotation for stop in chosen]

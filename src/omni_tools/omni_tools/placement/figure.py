@@ -42,25 +42,18 @@ def placement_figure(
         title: title of the figure.
         width: width of a panel [in].
     """
-    columns = min(2, len(placements))
-    rows = math.ceil(len(placements) / columns)
     low, high = _limits(placements, area)
     height = width * float((high[1] - low[1]) / (high[0] - low[0])) + 1.0
-    size = (columns * (width + 0.4) + 1.7, rows * height + 1.4)
-    figure, panels = style.panels(
-        title, rows, columns, size=size, x="forward [m]", y="left [m]", sharex=True, sharey=True
-    )
+    look: dict[str, Any] = {"x": "forward [m]", "y": "left [m]", "sharex": True, "sharey": True}
+    figure, panels = style.tiles(title, len(placements), 2, size=(width + 1.2, height), **look)
     norm = _norm(placements, criterion, area)
-    for index, axes in enumerate(panels.flat):
-        if index >= len(placements):
-            axes.set_visible(False)
-            continue
-        _draw(axes, placements[index], criterion, area, norm)
-    panels[0, 0].set_xlim(low[0], high[0])
-    panels[0, 0].set_ylim(low[1], high[1])
+    for axes, placement in zip(panels, placements, strict=True):
+        _draw(axes, placement, criterion, area, norm)
+    panels[0].set_xlim(low[0], high[0])
+    panels[0].set_ylim(low[1], high[1])
     words = "error of the velocity of a point of the platform [mm/s]"
     scale = ScalarMappable(norm=norm, cmap=_SHADES)
-    figure.colorbar(scale, ax=list(panels.flat), shrink=0.8, pad=0.01, extend="max", label=words)
+    figure.colorbar(scale, ax=figure.axes, shrink=0.8, pad=0.01, extend="max", label=words)
     handles: list[Line2D | Patch] = [
         Patch(color=style.BLUE, label="field of view"),
         Patch(facecolor="white", edgecolor=style.BLUE, label="housing"),
