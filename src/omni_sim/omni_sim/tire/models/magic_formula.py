@@ -148,38 +148,13 @@ def force_at(curve: MagicFormulaCurve, slip: float) -> tuple[float, float]:
     return curve.peak_force * height, curve.peak_force * curve.scale * gradient
 
 
-def _solve(curvature: float, place: float) -> float:
-    """Return the ``x`` at which ``x - E (x - atan x)`` equals `place` [1], with E = `curvature`."""
-    low, high = 0.0, 1.0
-    while high - curvature * (high - math.atan(high)) < place:
-        high *= 2.0
-    for _ in range(200):
-        middle = 0.5 * (low + high)
-        if middle - curvature * (middle - math.atan(middle)) < place:
-            low = middle
-        else:
-            high = middle
-    return high
-
-
-def constants(
-    friction: float,
-    friction_gradient: float,
-    stiffness: float,
-    stiffness_gradient: float,
-    shape: float,
-    curvature: float,
-) -> MagicFormulaParameters:
+def constants(*given: float) -> MagicFormulaParameters:
     """Return the constants of the kernels for the parameters of the formula.
 
     Args:
-        friction: ratio of largest force to load at small loads, a_2 [1].
-        friction_gradient: increase of this ratio per unit of load, a_1 [1/N].
-        stiffness: ratio of slope at zero slip to load at small loads, a_4 [1].
-        stiffness_gradient: increase of this ratio per unit of load, a_3 [1/N].
-        shape: C, between 1 and 2.
-        curvature: E, below 1.
+        *given: a_2 [1], a_1 [1/N], a_4 [1], a_3 [1/N], C [1] and E [1], in the order of `_KEYS`.
     """
+    shape, curvature = given[4:]
     # The sine has its peak where its argument is a right angle.
     peak = _solve(curvature, math.tan(0.5 * math.pi / shape))
 
@@ -196,9 +171,23 @@ def constants(
         else:
             low = left
     steepest = 0.5 * (low + high)
-    given = friction, friction_gradient, stiffness, stiffness_gradient, shape, curvature
     slide = math.sin(0.5 * math.pi * shape)
-    return MagicFormulaParameters(*given, peak, math.exp(steepest), fall(steepest), slide)
+    found = peak, math.exp(steepest), fall(steepest), slide
+    return MagicFormulaParameters._make((*given, *found))
+
+
+def _solve(curvature: float, place: float) -> float:
+    """Return the ``x`` at which ``x - E (x - atan x)`` equals `place` [1], with E = `curvature`."""
+    low, high = 0.0, 1.0
+    while high - curvature * (high - math.atan(high)) < place:
+        high *= 2.0
+    for _ in range(200):
+        middle = 0.5 * (low + high)
+        if middle - curvature * (middle - math.atan(middle)) < place:
+            low = middle
+        else:
+            high = middle
+    return high
 
 
 def _parameters(configuration: MagicFormulaConfiguration) -> MagicFormulaParameters:
