@@ -62,12 +62,6 @@ class _Record(NamedTuple):
     error: FloatArray  # (T, N)
 
 
-def _new_record(stamps: int, wheels: int) -> _Record:
-    each = (np.empty((stamps, wheels)) for _ in range(5))
-    body = np.empty((stamps, 6)), np.empty(stamps), np.empty((stamps, 3))
-    return _Record(*body, np.empty(stamps, np.bool_), np.empty(stamps), *each)
-
-
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class FastRun(RunHistory):
     """Time histories of a run of the fast loop, without odometry and states of the assistant.
@@ -230,6 +224,12 @@ def _loop(configuration: ExperimentConfiguration, driver: ScriptedDriver) -> _Lo
     )
 
 
+def _new_record(stamps: int, wheels: int) -> _Record:
+    each = (np.empty((stamps, wheels)) for _ in range(5))
+    body = np.empty((stamps, 6)), np.empty(stamps), np.empty((stamps, 3))
+    return _Record(*body, np.empty(stamps, np.bool_), np.empty(stamps), *each)
+
+
 def _sensors(configuration: ExperimentConfiguration, stamps: int, wheels: int) -> _Sensors:
     sensor = configuration.velocity_sensor
     uniform = np.zeros((1, 3))
@@ -265,27 +265,6 @@ def _new_scratch(wheels: int, steps: int) -> _Scratch:
     return _Scratch(np.empty((3, 3)), imu, speed, error, enable, steps, np.empty((0, 6)))
 
 
-@inlined
-def _advance(state: State, loop: _Loop, scratch: _Scratch, stamp: int, yaw: float) -> None:
-    """Advance the vehicle by one control period, as `Simulator.advance` does.
-
-    Args:
-        state: state of the vehicle, changed in place.
-        loop: inputs. If `loop.hold_world` is true, the velocity command of this stamp, which keeps
-            its direction in the world, is converted to the body frame in place.
-        scratch: buffers, which contain the enables of this stamp.
-        stamp: index of the control stamp.
-        yaw: present heading of the vehicle in `odom` [rad].
-    """
-    pedal, twist = loop.pedal[stamp], loop.command[stamp]
-    if loop.hold_world:
-        twist[0], twist[1] = in_turned_frame(twist[0], twist[1], yaw - loop.start_yaw)
-    torque = pedal * loop.brake_torque
-    stiffness = loop.clutch_stiffness if pedal < loop.clutch_threshold else 0.0
-    control = Control(torque, scratch.enable, stiffness, twist, loop.hold_world, 0.0, 0.0)
-    dynamics.advance(state, control, scratch.steps, scratch.trajectory)
-
-
 class _Run(NamedTuple):
     """State of a run of the fast loop in progress."""
 
@@ -296,6 +275,24 @@ class _Run(NamedTuple):
     loop: _Loop
     scratch: _Scratch
     record: _Record
+
+
+@lean
+def _run_part(run: _Run, first: int, last: int) -> tuple[int, int]:
+    """Run the loop from stamp `first` to the stamp before `last`, and record each stamp.
+
+    Returns:
+        Next stamp; outcome of the run, a constant of `omni_sim.run_progress`.
+    """
+    for stamp in range(first, last):
+        inputs = _sense(run, stamp)
+        assist_step.assist_step(
+            run.assist, run.memory, inputs, run.scratch.error, run.scratch.enable
+        )
+        outcome = _record_and_advance(run, stamp)
+        if outcome != run_progress.RUNNING:
+            return stamp + 1, outcome
+    return last, run_progress.RUNNING
 
 
 @inlined
@@ -340,19 +337,15 @@ def _inputs(run: _Run, stamp: int, taken_ns: int) -> assist_state.Inputs:
     return assist_state.Inputs(now_ns, loop.pedal[stamp], loop.enabled, GOOD, twist, wheels, imu)
 
 
-@lean
-def _run_part(run: _Run, first: int, last: int) -> tuple[int, int]:
-    """Run the loop from stamp `first` to the stamp before `last`, and record each stamp.
-
-    Returns:
-        Next stamp; outcome of the run, a constant of `omni_sim.run_progress`.
-    """
+def _run_measured(source: TwistSource, run: _Run, first: int, last: int) -> tuple[int, int]:
+    """Run the loop like `_run_part`, but with a source of the twist in Python."""
+    _sensed(run, first)
+    record, scratch = run.record, run.scratch
     for stamp in range(first, last):
-        inputs = _sense(run, stamp)
-        assist_step.assist_step(
-            run.assist, run.memory, inputs, run.scratch.error, run.scratch.enable
-        )
-        outcome = _record_and_advance(run, stamp)
+        true = record.motion[stamp, 3:]
+        twist = source(stamp * run.loop.period_ns, true, scratch.wheel_speed)
+        record.feedback[stamp], scratch.covariance[:] = twist.value, twist.covariance
+        outcome = _finish(run, stamp, last, twist.stamp_ns)
         if outcome != run_progress.RUNNING:
             return stamp + 1, outcome
     return last, run_progress.RUNNING
@@ -384,20 +377,6 @@ def _finish(run: _Run, stamp: int, last: int, taken_ns: int) -> int:
     if outcome == run_progress.RUNNING and stamp + 1 < last:
         _sense(run, stamp + 1)
     return outcome
-
-
-def _run_measured(source: TwistSource, run: _Run, first: int, last: int) -> tuple[int, int]:
-    """Run the loop like `_run_part`, but with a source of the twist in Python."""
-    _sensed(run, first)
-    record, scratch = run.record, run.scratch
-    for stamp in range(first, last):
-        true = record.motion[stamp, 3:]
-        twist = source(stamp * run.loop.period_ns, true, scratch.wheel_speed)
-        record.feedback[stamp], scratch.covariance[:] = twist.value, twist.covariance
-        outcome = _finish(run, stamp, last, twist.stamp_ns)
-        if outcome != run_progress.RUNNING:
-            return stamp + 1, outcome
-    return last, run_progress.RUNNING
 
 
 def _run_own(law: Law, run: _Run, first: int, last: int) -> tuple[int, int]:
@@ -445,3 +424,24 @@ def _record_and_advance(run: _Run, stamp: int) -> int:
     if outcome == run_progress.RUNNING:
         _advance(state, loop, scratch, stamp, motion[2])
     return outcome
+
+
+@inlined
+def _advance(state: State, loop: _Loop, scratch: _Scratch, stamp: int, yaw: float) -> None:
+    """Advance the vehicle by one control period, as `Simulator.advance` does.
+
+    Args:
+        state: state of the vehicle, changed in place.
+        loop: inputs. If `loop.hold_world` is true, the velocity command of this stamp, which keeps
+            its direction in the world, is converted to the body frame in place.
+        scratch: buffers, which contain the enables of this stamp.
+        stamp: index of the control stamp.
+        yaw: present heading of the vehicle in `odom` [rad].
+    """
+    pedal, twist = loop.pedal[stamp], loop.command[stamp]
+    if loop.hold_world:
+        twist[0], twist[1] = in_turned_frame(twist[0], twist[1], yaw - loop.start_yaw)
+    torque = pedal * loop.brake_torque
+    stiffness = loop.clutch_stiffness if pedal < loop.clutch_threshold else 0.0
+    control = Control(torque, scratch.enable, stiffness, twist, loop.hold_world, 0.0, 0.0)
+    dynamics.advance(state, control, scratch.steps, scratch.trajectory)

@@ -118,13 +118,6 @@ def _laid_out(wheels: tuple[tuple[str, WheelMount], ...]) -> PlatformKinematics:
     return PlatformKinematics(dict(wheels))
 
 
-def _singular_values(matrix: FloatArray, geometry: PlatformGeometry) -> FloatArray:
-    reach = float(np.max(np.linalg.norm(geometry.position, axis=1)))
-    scale = np.array([1.0, 1.0, reach if reach > 0.0 else 1.0])
-    values: FloatArray = np.linalg.svd(matrix / scale, compute_uv=False)
-    return values
-
-
 def smallest_singular_value(matrix: FloatArray, geometry: PlatformGeometry) -> float:
     """Return the smallest singular value of ``M``, made dimensionless [1].
 
@@ -136,6 +129,13 @@ def smallest_singular_value(matrix: FloatArray, geometry: PlatformGeometry) -> f
         geometry: positions of the wheels.
     """
     return float(_singular_values(matrix, geometry)[-1])
+
+
+def _singular_values(matrix: FloatArray, geometry: PlatformGeometry) -> FloatArray:
+    reach = float(np.max(np.linalg.norm(geometry.position, axis=1)))
+    scale = np.array([1.0, 1.0, reach if reach > 0.0 else 1.0])
+    values: FloatArray = np.linalg.svd(matrix / scale, compute_uv=False)
+    return values
 
 
 def _require_rank_three(matrix: FloatArray, geometry: PlatformGeometry) -> None:

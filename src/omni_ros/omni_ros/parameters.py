@@ -70,20 +70,6 @@ def _given(node: Node) -> Mapping[str, Parameter]:
     return given
 
 
-def _whole_numbers_as_doubles(given: Parameter | None, kind: Any) -> Any:
-    """Return integers, given for a parameter that consists of doubles, as doubles.
-
-    In all other cases, the result is None. Without this conversion, ROS would reject an integer
-    such as 1 for a double.
-    """
-    if given is not None:
-        if kind is float and given.type_ == Parameter.Type.INTEGER:
-            return float(given.value)
-        if kind == tuple[float, ...] and given.type_ == Parameter.Type.INTEGER_ARRAY:
-            return [float(entry) for entry in given.value]
-    return None
-
-
 def _declare(node: Node, key: str, kind: Any, default: Any, descriptor: ParameterDescriptor) -> Any:
     doubles = _whole_numbers_as_doubles(_given(node).get(key), kind)
     try:
@@ -102,6 +88,20 @@ def _declare(node: Node, key: str, kind: Any, default: Any, descriptor: Paramete
     except exceptions.InvalidParameterValueException as error:
         raise ConfigurationError(key, f"is out of range: {error}") from None
     return default if value is None else value
+
+
+def _whole_numbers_as_doubles(given: Parameter | None, kind: Any) -> Any:
+    """Return integers, given for a parameter that consists of doubles, as doubles.
+
+    In all other cases, the result is None. Without this conversion, ROS would reject an integer
+    such as 1 for a double.
+    """
+    if given is not None:
+        if kind is float and given.type_ == Parameter.Type.INTEGER:
+            return float(given.value)
+        if kind == tuple[float, ...] and given.type_ == Parameter.Type.INTEGER_ARRAY:
+            return [float(entry) for entry in given.value]
+    return None
 
 
 def _parameter_type(kind: Any) -> Parameter.Type:

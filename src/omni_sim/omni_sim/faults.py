@@ -112,6 +112,45 @@ def build_faults(faults: Mapping[str, FaultConfiguration], wheels: int) -> Fault
     return Faults(table, np.zeros((count, width)), np.zeros(count), late)
 
 
+@kernel
+def corrupt(
+    faults: Faults, channel: int, step: int, period_ns: int, draw: FloatArray, values: FloatArray
+) -> None:
+    """Apply the faults of a channel to a reading; call this once per stamp and channel.
+
+    Args:
+        faults: faults of the run; their memory of past readings is changed in place.
+        channel: one of TWIST, GYRO, ACCELEROMETER, ENCODER.
+        step: number of the stamp.
+        period_ns: time between two stamps [ns].
+        draw: standard normal noise, shape (n,).
+        values: reading of the channel, changed in place, shape (n,).
+    """
+    now_ns, size = step * period_ns, values.size
+    for k in range(faults.table.shape[0]):
+        row = faults.table[k]
+        if row[_CHANNEL] != channel:
+            continue
+        ring = faults.past[k]
+        ring[step % _REMEMBERED, :size] = values
+        if not row[_START] <= now_ns < row[_END]:
+            continue
+        if faults.begun[k] == 0.0:
+            faults.begun[k] = 1.0
+            faults.held[k, :size] = values
+        tau = (now_ns - row[_START]) * 1e-9
+        back = min(round(row[_PERIOD] * SECOND_NS / period_ns), _REMEMBERED - 1, step)
+        delayed, true = ring[(step - back) % _REMEMBERED], ring[step % _REMEMBERED]
+        for j in range(size):
+            if row[_AXIS] < 0.0 or row[_AXIS] == j:
+                # In a twist only v_x and v_y are exchanged, because they have the same unit.
+                pair = 2 if channel == TWIST and j < 2 else size
+                other = true[(j + 1) % pair] if j < pair else true[j]
+                values[j] = _faulty_reading(
+                    row, tau, true[j], faults.held[k, j], delayed[j], other, draw[j]
+                )
+
+
 @lean
 def _faulty_reading(  # noqa: PLR0911, PLR0912 - a line for each kind
     row: FloatArray, tau: float, y: float, held: float, delayed: float, other: float, draw: float
@@ -159,42 +198,3 @@ def _faulty_reading(  # noqa: PLR0911, PLR0912 - a line for each kind
     if kind == _ECHO:
         return a * y + (1.0 - a) * held
     return math.nan  # a kind that has no branch here
-
-
-@kernel
-def corrupt(
-    faults: Faults, channel: int, step: int, period_ns: int, draw: FloatArray, values: FloatArray
-) -> None:
-    """Apply the faults of a channel to a reading; call this once per stamp and channel.
-
-    Args:
-        faults: faults of the run; their memory of past readings is changed in place.
-        channel: one of TWIST, GYRO, ACCELEROMETER, ENCODER.
-        step: number of the stamp.
-        period_ns: time between two stamps [ns].
-        draw: standard normal noise, shape (n,).
-        values: reading of the channel, changed in place, shape (n,).
-    """
-    now_ns, size = step * period_ns, values.size
-    for k in range(faults.table.shape[0]):
-        row = faults.table[k]
-        if row[_CHANNEL] != channel:
-            continue
-        ring = faults.past[k]
-        ring[step % _REMEMBERED, :size] = values
-        if not row[_START] <= now_ns < row[_END]:
-            continue
-        if faults.begun[k] == 0.0:
-            faults.begun[k] = 1.0
-            faults.held[k, :size] = values
-        tau = (now_ns - row[_START]) * 1e-9
-        back = min(round(row[_PERIOD] * SECOND_NS / period_ns), _REMEMBERED - 1, step)
-        delayed, true = ring[(step - back) % _REMEMBERED], ring[step % _REMEMBERED]
-        for j in range(size):
-            if row[_AXIS] < 0.0 or row[_AXIS] == j:
-                # In a twist only v_x and v_y are exchanged, because they have the same unit.
-                pair = 2 if channel == TWIST and j < 2 else size
-                other = true[(j + 1) % pair] if j < pair else true[j]
-                values[j] = _faulty_reading(
-                    row, tau, true[j], faults.held[k, j], delayed[j], other, draw[j]
-                )

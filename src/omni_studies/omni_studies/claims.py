@@ -85,11 +85,6 @@ _FUNCTIONS: dict[str, Any] = {
 }  # fmt: skip
 
 
-@functools.cache
-def _read(name: str) -> Any:
-    return yaml.safe_load((files(__package__) / name).read_text(encoding="utf-8"))
-
-
 def limited(study: str, metrics: Mapping[str, Metric]) -> dict[str, Metric]:
     """Return the metrics of a study with their limits.
 
@@ -103,6 +98,11 @@ def limited(study: str, metrics: Mapping[str, Metric]) -> dict[str, Metric]:
         for name in metrics
     }
     return {name: dataclasses.replace(metric, **chosen[name]) for name, metric in metrics.items()}
+
+
+@functools.cache
+def _read(name: str) -> Any:
+    return yaml.safe_load((files(__package__) / name).read_text(encoding="utf-8"))
 
 
 def evaluate(study: str, metrics: Mapping[str, Metric]) -> tuple[Claim, ...]:

@@ -86,6 +86,17 @@ class _Row(NamedTuple):
     error: float
 
 
+def _metrics(found: Mapping[str, Calibration]) -> dict[str, Any]:
+    metrics: dict[str, Any] = {}
+    for name, one in found.items():
+        residual = math.sqrt(sum(float(r @ r) for r in one.residual) / sum(map(len, one.residual)))
+        for row in _rows(one):
+            metrics[f"{row.quantity}.{name}"] = estimate(row.found, row.unit, row.error)
+        metrics[f"mirrored.{name}"] = estimate(one.mirrored, "1", 0.0)
+        metrics[f"residual.{name}"] = estimate(residual, "m/s", 0.0)
+    return metrics
+
+
 def _rows(one: Calibration) -> Iterator[_Row]:
     nominal, sensor, error = one.nominal, one.sensor, one.error
     side, ahead = abs(math.sin(sensor.heading)), abs(math.cos(sensor.heading))
@@ -98,17 +109,6 @@ def _rows(one: Calibration) -> Iterator[_Row]:
     yield _Row("y", "m", nominal.y, sensor.y, error["lever"] * ahead)
     yield _Row("lever", "m", before, lever, error["lever"])
     yield _Row("line_rate", "1/s", nominal.line_rate, sensor.line_rate, error["line_rate"])
-
-
-def _metrics(found: Mapping[str, Calibration]) -> dict[str, Any]:
-    metrics: dict[str, Any] = {}
-    for name, one in found.items():
-        residual = math.sqrt(sum(float(r @ r) for r in one.residual) / sum(map(len, one.residual)))
-        for row in _rows(one):
-            metrics[f"{row.quantity}.{name}"] = estimate(row.found, row.unit, row.error)
-        metrics[f"mirrored.{name}"] = estimate(one.mirrored, "1", 0.0)
-        metrics[f"residual.{name}"] = estimate(residual, "m/s", 0.0)
-    return metrics
 
 
 def _yaml(found: Mapping[str, Calibration]) -> str:

@@ -70,6 +70,12 @@ def _python(_: Path) -> str:
     return f"{platform.python_version()} on {platform.system()} {platform.machine()}"
 
 
+def _packages(_: Path) -> str:
+    for name in ("numpy", "scipy", "matplotlib", "yaml", "rosbags", "omni_sim"):
+        _imported(name)
+    return f"numba {_imported('numba').__version__} and all other packages are installed"
+
+
 def _imported(name: str) -> Any:
     try:
         return importlib.import_module(name)
@@ -77,12 +83,6 @@ def _imported(name: str) -> Any:
         raise TroubleError(
             f"{name} cannot be imported ({error}); delete .venv and start again"
         ) from None
-
-
-def _packages(_: Path) -> str:
-    for name in ("numpy", "scipy", "matplotlib", "yaml", "rosbags", "omni_sim"):
-        _imported(name)
-    return f"numba {_imported('numba').__version__} and all other packages are installed"
 
 
 def _ros(_: Path) -> str:

@@ -64,12 +64,6 @@ def find_executable(package: str, executable: str) -> Path:
     )
 
 
-@functools.cache
-def _fork_server() -> ForkServer:
-    """Return the fork server of this process, which ends together with this process."""
-    return ForkServer({**os.environ, PARENT_PID_VARIABLE: str(os.getpid())})
-
-
 class RunningProcess:
     """A started node, with its exit code, reports and error output.
 
@@ -186,6 +180,12 @@ class RunningProcess:
         while self.returncode is None:
             time.sleep(0.001)
         return self.returncode
+
+
+@functools.cache
+def _fork_server() -> ForkServer:
+    """Return the fork server of this process, which ends together with this process."""
+    return ForkServer({**os.environ, PARENT_PID_VARIABLE: str(os.getpid())})
 
 
 def _read_from(file: IO[bytes], offset: int) -> bytes:

@@ -26,16 +26,6 @@ from omni_sim.texture.texture import GroundTexture
 __all__ = ["CameraConfiguration", "LineCamera", "LineCameraArray"]
 
 
-@lean
-def _place(poses: FloatArray, x: float, y: float, heading: float, footprints: FloatArray) -> None:
-    for i in range(len(poses)):
-        yaw = poses[i, 2]
-        cosine, sine = math.cos(yaw), math.sin(yaw)
-        footprints[i, 0] = poses[i, 0] + cosine * x - sine * y
-        footprints[i, 1] = poses[i, 1] + sine * x + cosine * y
-        footprints[i, 2] = yaw + heading
-
-
 class LineCamera:
     """A line camera above a ground.
 
@@ -171,6 +161,16 @@ class LineCamera:
         if self._faults is not None:
             grays = grays * self._faults.sight + self._faults.offset / np.float32(exposure.gain)
         return expose(grays, exposure, self._key, first_line)
+
+
+@lean
+def _place(poses: FloatArray, x: float, y: float, heading: float, footprints: FloatArray) -> None:
+    for i in range(len(poses)):
+        yaw = poses[i, 2]
+        cosine, sine = math.cos(yaw), math.sin(yaw)
+        footprints[i, 0] = poses[i, 0] + cosine * x - sine * y
+        footprints[i, 1] = poses[i, 1] + sine * x + cosine * y
+        footprints[i, 2] = yaw + heading
 
 
 class LineCameraArray:

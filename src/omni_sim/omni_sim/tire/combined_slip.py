@@ -68,6 +68,33 @@ def combined_curve(x: CurvePoint, y: CurvePoint, norms: Pair, q: Pair) -> CurveP
     )
 
 
+def combined_forces(
+    tire: tmeasy.TMeasyConfiguration,
+    slip_x: ArrayLike,
+    slip_y: ArrayLike,
+    load: ArrayLike,
+    friction: ArrayLike = 1.0,
+) -> FloatArray:
+    """Return the steady forces of a tire under combined slip, with the signs of the slips.
+
+    Args:
+        tire: tire with the curves of both directions, as in Table 1.
+        slip_x: longitudinal slip, Eq. (1) [1].
+        slip_y: lateral slip, Eq. (2) [1].
+        load: wheel load [N], clipped between 0 and the model's largest load.
+        friction: friction factor ``mu/mu_0`` [1].
+
+    Returns:
+        Longitudinal and lateral forces [N]; their shape is the common shape of the arguments with
+        an additional last axis of 2.
+    """
+    shape, flat = flat_together(slip_x, slip_y, load, friction)
+    force = np.empty((flat[0].size, 2))
+    x, y = (TMeasyParameters(tmeasy.direction_coefficients(tire, axis)) for axis in ("x", "y"))
+    _combined_forces(x, y, tire.nominal_load_2, tuple(flat), force)
+    return force.reshape((*shape, 2))
+
+
 @lean
 def _combined_forces(
     x: TMeasyParameters,
@@ -98,33 +125,6 @@ def _combined_forces(
             q = along / slip, across / slip
             magnitude = tmeasy.force_at(combined_curve(at_x, at_y, norms, q), slip)[0]
         force[i] = magnitude * q[0], magnitude * q[1]
-
-
-def combined_forces(
-    tire: tmeasy.TMeasyConfiguration,
-    slip_x: ArrayLike,
-    slip_y: ArrayLike,
-    load: ArrayLike,
-    friction: ArrayLike = 1.0,
-) -> FloatArray:
-    """Return the steady forces of a tire under combined slip, with the signs of the slips.
-
-    Args:
-        tire: tire with the curves of both directions, as in Table 1.
-        slip_x: longitudinal slip, Eq. (1) [1].
-        slip_y: lateral slip, Eq. (2) [1].
-        load: wheel load [N], clipped between 0 and the model's largest load.
-        friction: friction factor ``mu/mu_0`` [1].
-
-    Returns:
-        Longitudinal and lateral forces [N]; their shape is the common shape of the arguments with
-        an additional last axis of 2.
-    """
-    shape, flat = flat_together(slip_x, slip_y, load, friction)
-    force = np.empty((flat[0].size, 2))
-    x, y = (TMeasyParameters(tmeasy.direction_coefficients(tire, axis)) for axis in ("x", "y"))
-    _combined_forces(x, y, tire.nominal_load_2, tuple(flat), force)
-    return force.reshape((*shape, 2))
 
 
 def passive_parameters(tire: TireConfiguration) -> Any:

@@ -44,20 +44,41 @@ def stand_on_edge(
 
 
 @lean
-def _spring_energy(
-    position: FloatArray, z_x: float, z_y: float, a: float, b: float, c: float
-) -> float:
-    """Return the potential energy of wheels on springs of stiffness 1 under a weight of 1.
+def stand_on_some(
+    position: FloatArray, weight: float, z_x: float, z_y: float, loads: FloatArray
+) -> int:
+    """Write the loads if some wheels lift off, and return the number of wheels that carry load.
 
-    It is half the sum of the squared wheel loads, minus the work of the weight, which acts at the
-    zero-moment point. It is smallest in balance.
+    If no balance is found, 0 is returned and nothing is written. In balance, `_spring_energy` is
+    smallest. It is a convex function of the coefficients of the load plane, so Newton's method with
+    a line search finds the minimum from any initial value. The method ends when the wheels with a
+    positive load are those for which the plane was computed.
     """
-    energy = -(a + b * z_x + c * z_y)
-    for i in range(position.shape[0]):
-        load = a + b * position[i, 0] + c * position[i, 1]
-        if load > 0.0:
-            energy += 0.5 * load * load
-    return energy
+    n = position.shape[0]
+    a, b, c = 1.0 / n, 0.0, 0.0
+    for _ in range(_MAXIMUM_ITERATIONS):
+        contact = _contact_set(position, a, b, c)
+        d_a, d_b, d_c, slope, exact = _newton_step(position, contact, z_x, z_y, a, b, c)
+        if exact and _contact_set(position, a + d_a, b + d_b, c + d_c) == contact:
+            carrying = 0
+            for i in range(n):
+                loads[i] = 0.0
+                if contact & (1 << i):
+                    plane = a + d_a + (b + d_b) * position[i, 0] + (c + d_c) * position[i, 1]
+                    loads[i] = weight * plane
+                    carrying += 1
+            return carrying
+        energy = _spring_energy(position, z_x, z_y, a, b, c)
+        step = 1.0
+        while step > 1e-12 and (
+            _spring_energy(position, z_x, z_y, a + step * d_a, b + step * d_b, c + step * d_c)
+            > energy + 0.1 * step * slope
+        ):
+            step *= 0.5
+        a += step * d_a
+        b += step * d_b
+        c += step * d_c
+    return 0
 
 
 @lean
@@ -117,41 +138,20 @@ def _newton_step(
 
 
 @lean
-def stand_on_some(
-    position: FloatArray, weight: float, z_x: float, z_y: float, loads: FloatArray
-) -> int:
-    """Write the loads if some wheels lift off, and return the number of wheels that carry load.
+def _spring_energy(
+    position: FloatArray, z_x: float, z_y: float, a: float, b: float, c: float
+) -> float:
+    """Return the potential energy of wheels on springs of stiffness 1 under a weight of 1.
 
-    If no balance is found, 0 is returned and nothing is written. In balance, `_spring_energy` is
-    smallest. It is a convex function of the coefficients of the load plane, so Newton's method with
-    a line search finds the minimum from any initial value. The method ends when the wheels with a
-    positive load are those for which the plane was computed.
+    It is half the sum of the squared wheel loads, minus the work of the weight, which acts at the
+    zero-moment point. It is smallest in balance.
     """
-    n = position.shape[0]
-    a, b, c = 1.0 / n, 0.0, 0.0
-    for _ in range(_MAXIMUM_ITERATIONS):
-        contact = _contact_set(position, a, b, c)
-        d_a, d_b, d_c, slope, exact = _newton_step(position, contact, z_x, z_y, a, b, c)
-        if exact and _contact_set(position, a + d_a, b + d_b, c + d_c) == contact:
-            carrying = 0
-            for i in range(n):
-                loads[i] = 0.0
-                if contact & (1 << i):
-                    plane = a + d_a + (b + d_b) * position[i, 0] + (c + d_c) * position[i, 1]
-                    loads[i] = weight * plane
-                    carrying += 1
-            return carrying
-        energy = _spring_energy(position, z_x, z_y, a, b, c)
-        step = 1.0
-        while step > 1e-12 and (
-            _spring_energy(position, z_x, z_y, a + step * d_a, b + step * d_b, c + step * d_c)
-            > energy + 0.1 * step * slope
-        ):
-            step *= 0.5
-        a += step * d_a
-        b += step * d_b
-        c += step * d_c
-    return 0
+    energy = -(a + b * z_x + c * z_y)
+    for i in range(position.shape[0]):
+        load = a + b * position[i, 0] + c * position[i, 1]
+        if load > 0.0:
+            energy += 0.5 * load * load
+    return energy
 
 
 @lean

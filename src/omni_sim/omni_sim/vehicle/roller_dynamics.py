@@ -68,6 +68,68 @@ def displace_contacts(plant: Plant, wheels: Structured, contacts: Structured) ->
 
 
 @lean
+def step_roller_wheel(
+    plant: Plant, rollers: Rollers, wheel: Record, step: Step, i: int, brake: float, drive: Drive
+) -> None:
+    """Advance a wheel on one or two rollers by one step; the wheel angle is not changed.
+
+    Args:
+        plant: constants.
+        rollers: rollers of all wheels; state and force of the rollers of wheel `i` are changed in
+            place.
+        wheel: `state.WHEEL`, with the load of this step; changed in place.
+        step: quantities common to all wheels.
+        i: index of the wheel.
+        brake: torque that the brake can exert [N m].
+        drive: drive of the wheel.
+    """
+    count, pitch = rollers.state.shape[1], plant.roller_pitch
+    omega, load = wheel.speed, wheel.load
+    angle = wheel.angle + 0.5 * plant.dt * omega
+    nearest = nearest_roller(angle, pitch)
+    gamma = angle - pitch * nearest
+    share = load_share(gamma, 0.5 * pitch, rollers.overlap)
+    beside = nearest + (1.0 if gamma > 0.0 else -1.0)
+    first, second = int(nearest % count), int(beside % count)
+    shared = share < 1.0
+    _lift(rollers.state[i], first, second if shared else first)
+    for j in range(3):
+        rollers.push[i, j] = 0.0
+    held = rollers.state[i, second].torque if shared else 0.0  # of the previous step
+    spin = Spin(omega + plant.dt * held / plant.wheel_inertia, plant.wheel_inertia, brake)
+    lower = _Touch(i, first, gamma, share * load, load, omega)
+    wheel.speed, wheel.brake = _step_contact(plant, rollers, step, lower, spin, drive)
+    limit = rollers.state[i, first].limit
+    if shared:
+        other = _Touch(i, second, angle - pitch * beside, (1.0 - share) * load, load, omega)
+        prescribed = Spin(wheel.speed, _PRESCRIBED, 0.0)
+        _step_contact(plant, rollers, step, other, prescribed, Drive(0.0, 0.0, 0.0))
+        limit += rollers.state[i, second].limit
+    contact, roller = plant.contact[i], rollers.state[i, first]
+    wheel.deflection, wheel.sliding, wheel.slip = roller.e_a, roller.sliding, roller.slip
+    wheel.force = rollers.push[i, 0] * contact.n_x + rollers.push[i, 1] * contact.n_y
+    wheel.limit = limit
+
+
+@lean
+def _lift(rollers: Structured, first: int, second: int) -> None:
+    """Set deflection and force of the rollers that have left the ground to zero.
+
+    Args:
+        rollers: `state.ROLLER` of one wheel, shape (n,).
+        first: index of the lowest roller.
+        second: index of the other roller on the ground; equal to `first` if there is none.
+    """
+    for k in range(rollers.shape[0]):
+        roller = rollers[k]
+        if k not in (first, second) and roller.load != 0.0:
+            roller.e_a = roller.e_p = roller.f_a = roller.f_p = 0.0
+            roller.q_a, roller.q_p = 1.0, 0.0
+            roller.load = roller.limit = roller.slip = roller.torque = 0.0
+            roller.sliding = False
+
+
+@lean
 def _step_contact(
     plant: Plant, rollers: Rollers, step: Step, touch: _Touch, spin: Spin, drive: Drive
 ) -> Pair:
@@ -155,68 +217,6 @@ def _store(roller: Record, load: float, lever: Pair, after: RollerStep) -> None:
     roller.load, roller.limit, roller.slip = load, after.limit, after.slip
     roller.torque = -(lever[0] * after.force[0] + lever[1] * after.force[1])
     roller.sliding = after.sliding
-
-
-@lean
-def _lift(rollers: Structured, first: int, second: int) -> None:
-    """Set deflection and force of the rollers that have left the ground to zero.
-
-    Args:
-        rollers: `state.ROLLER` of one wheel, shape (n,).
-        first: index of the lowest roller.
-        second: index of the other roller on the ground; equal to `first` if there is none.
-    """
-    for k in range(rollers.shape[0]):
-        roller = rollers[k]
-        if k not in (first, second) and roller.load != 0.0:
-            roller.e_a = roller.e_p = roller.f_a = roller.f_p = 0.0
-            roller.q_a, roller.q_p = 1.0, 0.0
-            roller.load = roller.limit = roller.slip = roller.torque = 0.0
-            roller.sliding = False
-
-
-@lean
-def step_roller_wheel(
-    plant: Plant, rollers: Rollers, wheel: Record, step: Step, i: int, brake: float, drive: Drive
-) -> None:
-    """Advance a wheel on one or two rollers by one step; the wheel angle is not changed.
-
-    Args:
-        plant: constants.
-        rollers: rollers of all wheels; state and force of the rollers of wheel `i` are changed in
-            place.
-        wheel: `state.WHEEL`, with the load of this step; changed in place.
-        step: quantities common to all wheels.
-        i: index of the wheel.
-        brake: torque that the brake can exert [N m].
-        drive: drive of the wheel.
-    """
-    count, pitch = rollers.state.shape[1], plant.roller_pitch
-    omega, load = wheel.speed, wheel.load
-    angle = wheel.angle + 0.5 * plant.dt * omega
-    nearest = nearest_roller(angle, pitch)
-    gamma = angle - pitch * nearest
-    share = load_share(gamma, 0.5 * pitch, rollers.overlap)
-    beside = nearest + (1.0 if gamma > 0.0 else -1.0)
-    first, second = int(nearest % count), int(beside % count)
-    shared = share < 1.0
-    _lift(rollers.state[i], first, second if shared else first)
-    for j in range(3):
-        rollers.push[i, j] = 0.0
-    held = rollers.state[i, second].torque if shared else 0.0  # of the previous step
-    spin = Spin(omega + plant.dt * held / plant.wheel_inertia, plant.wheel_inertia, brake)
-    lower = _Touch(i, first, gamma, share * load, load, omega)
-    wheel.speed, wheel.brake = _step_contact(plant, rollers, step, lower, spin, drive)
-    limit = rollers.state[i, first].limit
-    if shared:
-        other = _Touch(i, second, angle - pitch * beside, (1.0 - share) * load, load, omega)
-        prescribed = Spin(wheel.speed, _PRESCRIBED, 0.0)
-        _step_contact(plant, rollers, step, other, prescribed, Drive(0.0, 0.0, 0.0))
-        limit += rollers.state[i, second].limit
-    contact, roller = plant.contact[i], rollers.state[i, first]
-    wheel.deflection, wheel.sliding, wheel.slip = roller.e_a, roller.sliding, roller.slip
-    wheel.force = rollers.push[i, 0] * contact.n_x + rollers.push[i, 1] * contact.n_y
-    wheel.limit = limit
 
 
 @lean

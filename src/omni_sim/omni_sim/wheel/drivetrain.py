@@ -90,58 +90,6 @@ class WheelStep(NamedTuple):
 
 
 @lean_inline
-def _rolling(
-    tire: TireConstants, curve: Curve, patch: Patch, hub: Hub, spin: Spin, impulse: float
-) -> WheelStep:
-    """Advance a wheel without brake by one step.
-
-    Args:
-        tire: constants.
-        curve: force-slip curve of the tire.
-        patch: contact patch of the tire at the start of the step.
-        hub: relation of force and motion.
-        spin: spin of the wheel at the start of the step; its brake is ignored.
-        impulse: angular impulse of all torques on the wheel except that of the tire [N m s].
-    """
-    free_speed = spin.speed + 1.0 / spin.inertia * impulse
-    turn = tire.dt / spin.inertia * hub.lever
-    force, deflection, velocity, sliding = tire_force(
-        tire, curve, patch, hub.velocity - hub.lever * free_speed, hub.mobility + turn * hub.lever
-    )
-    return WheelStep(force, deflection, free_speed - turn * force, 0.0, velocity, sliding)
-
-
-@lean_inline
-def _braked(
-    tire: TireConstants, curve: Curve, patch: Patch, hub: Hub, spin: Spin, impulse: float
-) -> WheelStep:
-    """Advance a wheel by one step, in which the brake may lock it.
-
-    The arguments are those of `_rolling`, except that the brake of `spin` acts; its torque is not
-    included in `impulse`.
-    """
-    if spin.brake <= 0.0:
-        return _rolling(tire, curve, patch, hub, spin, impulse)
-    if spin.speed != 0.0:
-        torque = -spin.brake if spin.speed > 0.0 else spin.brake
-        s = _rolling(tire, curve, patch, hub, spin, impulse + tire.dt * torque)
-        if s.speed * spin.speed > 0.0:
-            return WheelStep(s.force, s.deflection, s.speed, torque, s.patch_velocity, s.sliding)
-    # The wheel is at rest, or stops within this step.
-    force, deflection, velocity, sliding = tire_force(
-        tire, curve, patch, hub.velocity, hub.mobility
-    )
-    holding = hub.lever * force - 1.0 / tire.dt * (spin.inertia * spin.speed + impulse)
-    if abs(holding) <= spin.brake:
-        return WheelStep(force, deflection, 0.0, holding, velocity, sliding)
-    torque = spin.brake if holding > 0.0 else -spin.brake
-    s = _rolling(tire, curve, patch, hub, spin, impulse + tire.dt * torque)
-    if s.speed * torque < 0.0:
-        return WheelStep(s.force, s.deflection, s.speed, torque, s.patch_velocity, s.sliding)
-    return WheelStep(force, deflection, 0.0, torque, velocity, sliding)
-
-
-@lean_inline
 def limited(torque: float, speed: float, power: float) -> float:
     """Return a torque [N m], reduced if its power at a speed [rad/s] exceeds `power` [W].
 
@@ -188,3 +136,55 @@ def wheel_step(
         limited = drive.limit if torque > 0.0 else -drive.limit
         step = _braked(tire, curve, patch, hub, spin, tire.dt * limited)
     return step
+
+
+@lean_inline
+def _braked(
+    tire: TireConstants, curve: Curve, patch: Patch, hub: Hub, spin: Spin, impulse: float
+) -> WheelStep:
+    """Advance a wheel by one step, in which the brake may lock it.
+
+    The arguments are those of `_rolling`, except that the brake of `spin` acts; its torque is not
+    included in `impulse`.
+    """
+    if spin.brake <= 0.0:
+        return _rolling(tire, curve, patch, hub, spin, impulse)
+    if spin.speed != 0.0:
+        torque = -spin.brake if spin.speed > 0.0 else spin.brake
+        s = _rolling(tire, curve, patch, hub, spin, impulse + tire.dt * torque)
+        if s.speed * spin.speed > 0.0:
+            return WheelStep(s.force, s.deflection, s.speed, torque, s.patch_velocity, s.sliding)
+    # The wheel is at rest, or stops within this step.
+    force, deflection, velocity, sliding = tire_force(
+        tire, curve, patch, hub.velocity, hub.mobility
+    )
+    holding = hub.lever * force - 1.0 / tire.dt * (spin.inertia * spin.speed + impulse)
+    if abs(holding) <= spin.brake:
+        return WheelStep(force, deflection, 0.0, holding, velocity, sliding)
+    torque = spin.brake if holding > 0.0 else -spin.brake
+    s = _rolling(tire, curve, patch, hub, spin, impulse + tire.dt * torque)
+    if s.speed * torque < 0.0:
+        return WheelStep(s.force, s.deflection, s.speed, torque, s.patch_velocity, s.sliding)
+    return WheelStep(force, deflection, 0.0, torque, velocity, sliding)
+
+
+@lean_inline
+def _rolling(
+    tire: TireConstants, curve: Curve, patch: Patch, hub: Hub, spin: Spin, impulse: float
+) -> WheelStep:
+    """Advance a wheel without brake by one step.
+
+    Args:
+        tire: constants.
+        curve: force-slip curve of the tire.
+        patch: contact patch of the tire at the start of the step.
+        hub: relation of force and motion.
+        spin: spin of the wheel at the start of the step; its brake is ignored.
+        impulse: angular impulse of all torques on the wheel except that of the tire [N m s].
+    """
+    free_speed = spin.speed + 1.0 / spin.inertia * impulse
+    turn = tire.dt / spin.inertia * hub.lever
+    force, deflection, velocity, sliding = tire_force(
+        tire, curve, patch, hub.velocity - hub.lever * free_speed, hub.mobility + turn * hub.lever
+    )
+    return WheelStep(force, deflection, free_speed - turn * force, 0.0, velocity, sliding)

@@ -128,25 +128,6 @@ class RollerStep(NamedTuple):
 
 
 @lean
-def _deflected(tire: TireConstants, deflection: Pair, force: Pair, effective: float) -> Pair:
-    """Return the deflection of a tread after a step in which a force acts [m].
-
-    All pairs are components along the roller's axis and across it.
-
-    Args:
-        tire: constants of the tread.
-        deflection: deflection at the start of the step [m].
-        force: force on the vehicle [N].
-        effective: damping of the tread plus its stiffness times the length of a step [N s/m].
-    """
-    share = tire.dt / effective
-    return (
-        deflection[0] + share * (force[0] - tire.stiffness * deflection[0]),
-        deflection[1] + share * (force[1] - tire.stiffness * deflection[1]),
-    )
-
-
-@lean
 def roller_step(
     tire: TireConstants,
     curves: tuple[Any, Any],
@@ -202,4 +183,23 @@ def roller_step(
     slip = abs(after.patch_velocity) / (patch.speed * stretch)
     return RollerStep(
         force, bends, spin, after.speed, after.brake, after.sliding, q, slip, curve.peak_force
+    )
+
+
+@lean
+def _deflected(tire: TireConstants, deflection: Pair, force: Pair, effective: float) -> Pair:
+    """Return the deflection of a tread after a step in which a force acts [m].
+
+    All pairs are components along the roller's axis and across it.
+
+    Args:
+        tire: constants of the tread.
+        deflection: deflection at the start of the step [m].
+        force: force on the vehicle [N].
+        effective: damping of the tread plus its stiffness times the length of a step [N s/m].
+    """
+    share = tire.dt / effective
+    return (
+        deflection[0] + share * (force[0] - tire.stiffness * deflection[0]),
+        deflection[1] + share * (force[1] - tire.stiffness * deflection[1]),
     )

@@ -324,29 +324,6 @@ def _covariance(options: _Drives, study: StudyRun) -> StudyResult:
     return study.result(_drive_metrics(cases))
 
 
-def _leave_one_out(cases: list[DriveCase]) -> dict[str, tuple[float, float, float]]:
-    """Return the results of a cross-validation over the grounds.
-
-    Returns:
-        Three values, keyed by the ground that is left out: the factor on the variances, fitted on
-            all other grounds [1]; the mean of the squared errors of single cameras, each divided
-            by its scaled variance [1]; the share of errors within 1.96 standard deviations [%].
-    """
-    trials: dict[str, list[FloatArray]] = {}
-    for case in cases:
-        if case.camera == _EVALUATED and len(case.squares_of_cameras):
-            trials.setdefault(case.ground, []).append(case.squares_of_cameras)
-    squares = {kind: np.concatenate(own) for kind, own in trials.items()}
-    left_out = {}
-    for kind, own in squares.items():
-        means = [float(own.mean()) for other, own in squares.items() if other != kind]
-        factor = float(np.mean(means)) if means else 1.0
-        left = own / factor
-        covered = 100.0 * float(np.mean(line_trials.within_95(np.sqrt(left))))
-        left_out[kind] = factor, float(left.mean()), covered
-    return left_out
-
-
 def _drive(
     name: str,
     sensor: LineSensor,
@@ -402,6 +379,29 @@ def _drive_metrics(cases: list[DriveCase]) -> dict[str, Metric]:
     right = [_BAND[0] <= case.mean <= _BAND[1] for case in cases if len(case.squares)]
     metrics["right_share.all"] = Metric(_mean(np.array(right, dtype=np.float64)), "1")
     return metrics
+
+
+def _leave_one_out(cases: list[DriveCase]) -> dict[str, tuple[float, float, float]]:
+    """Return the results of a cross-validation over the grounds.
+
+    Returns:
+        Three values, keyed by the ground that is left out: the factor on the variances, fitted on
+            all other grounds [1]; the mean of the squared errors of single cameras, each divided
+            by its scaled variance [1]; the share of errors within 1.96 standard deviations [%].
+    """
+    trials: dict[str, list[FloatArray]] = {}
+    for case in cases:
+        if case.camera == _EVALUATED and len(case.squares_of_cameras):
+            trials.setdefault(case.ground, []).append(case.squares_of_cameras)
+    squares = {kind: np.concatenate(own) for kind, own in trials.items()}
+    left_out = {}
+    for kind, own in squares.items():
+        means = [float(own.mean()) for other, own in squares.items() if other != kind]
+        factor = float(np.mean(means)) if means else 1.0
+        left = own / factor
+        covered = 100.0 * float(np.mean(line_trials.within_95(np.sqrt(left))))
+        left_out[kind] = factor, float(left.mean()), covered
+    return left_out
 
 
 def _draw_drives(cases: list[DriveCase], cameras: Mapping[str, LineSensor]) -> Figure:

@@ -286,6 +286,21 @@ def _results(rows: Sequence[Stop], vehicle: str, law: str, source: str) -> dict[
     }
 
 
+def _findings(table: Table) -> list[str]:
+    return [_sentence(*key, found) for key, found in table.items() if _harms(found)] or [
+        "Assistance does more harm than good with none of these sources"
+    ]
+
+
+def _sentence(vehicle: str, law: str, source: str, found: Mapping[str, float]) -> str:
+    return (
+        f"{vehicle}: with {SOURCES[source].label} and {law}, assistance does more harm than good "
+        f"(95th percentile: {found['distance_ratio_p95']:.2f} times the distance, "
+        f"{found['rotation_p95']:.1f} deg; "
+        f"without {found['rotation_unassisted_p95']:.1f} deg)"
+    )
+
+
 def _harms(
     found: Mapping[str, float], longer: float = 1.05, worst: float = 1.5, turn: float = 2.0
 ) -> bool:
@@ -305,21 +320,6 @@ def _harms(
     ratio, high = found["distance_ratio_median"], found["distance_ratio_p95"]
     turned, free = found["rotation_p95"], found["rotation_unassisted_p95"]
     return turned > free + turn or high > worst or (ratio > longer and turned > free)
-
-
-def _findings(table: Table) -> list[str]:
-    return [_sentence(*key, found) for key, found in table.items() if _harms(found)] or [
-        "Assistance does more harm than good with none of these sources"
-    ]
-
-
-def _sentence(vehicle: str, law: str, source: str, found: Mapping[str, float]) -> str:
-    return (
-        f"{vehicle}: with {SOURCES[source].label} and {law}, assistance does more harm than good "
-        f"(95th percentile: {found['distance_ratio_p95']:.2f} times the distance, "
-        f"{found['rotation_p95']:.1f} deg; "
-        f"without {found['rotation_unassisted_p95']:.1f} deg)"
-    )
 
 
 def warnings(summary: Path, law: str, source: str) -> dict[str, str]:

@@ -171,55 +171,6 @@ class LawStop(NamedTuple):
     note: str
 
 
-def _cases(library: ExperimentLibrary, options: Options) -> Iterator[_Case]:
-    """Yield all cases of the study."""
-    straight = "straight_line"
-    if not options.without_optical:  # first, because these runs take the longest time
-        optical = (*_ALLOCATION, _PROPORTIONAL, "feedback=optical")
-        yield _Case(straight, "allocation_optical", straight, "assisted", optical)
-    for name, variants in _VARIANTS.items():
-        yield _Case(name, "unassisted", name, "unassisted", IDEAL)
-        for variant in variants:
-            words = "sliding_mode" if variant == "assisted" else f"sliding_mode_{variant}"
-            yield _Case(name, f"{words}_on_off", name, variant, IDEAL)
-        base = library.variants(name)[-1]
-        brakes = {"proportional": (_PROPORTIONAL,), "on_off": (), "lag": _LAG}
-        for kind, changes in brakes.items():
-            law = (*IDEAL, *_ALLOCATION, *changes)
-            yield _Case(name, f"allocation_{kind}", name, base, law)
-        for other in options.law:
-            for kind in ("on_off", "proportional"):
-                law = (*IDEAL, f"brake_assist.law={other}", *brakes[kind])
-                yield _Case(name, f"{_label(other)}_{kind}", name, base, law)
-        yield from _bounds(name, name, IDEAL)
-    noisy = (*_SENSOR, *_ALLOCATION, _PROPORTIONAL)
-    patch = "ice_patch_noisy"
-    yield _Case(patch, "sliding_mode_on_off", patch, "noisy", _SENSOR)
-    yield _Case(patch, "allocation_proportional", patch, "noisy", noisy)
-    turn = "turn_while_translate"
-    for rotation in _ROTATIONS:  # limits on the rotation in the turn of Table 2
-        spent = (*IDEAL, *_ALLOCATION, _PROPORTIONAL, f"brake_assist.max_rotation={rotation}")
-        yield _Case(turn, "allocation_proportional", turn, "k7", spent, f"{rotation:g}_deg")
-    for word, changes in _UNKNOWN.items():
-        for kind, variant, settings in (*_COMPARED, ("allocation_on_off", "assisted", _ALLOCATION)):
-            yield _Case(straight, kind, straight, variant, (*IDEAL, *settings, *changes), word)
-    for direction in range(0, 181, 15):
-        moving = (*IDEAL, f"maneuver.direction_deg={direction}")
-        name = f"straight_line_{direction}_deg"
-        yield from _bounds(name, straight, moving)
-        for kind, variant, settings in _COMPARED:
-            yield _Case(name, kind, straight, variant, (*moving, *settings))
-
-
-def _bounds(maneuver: str, experiment: str, changes: tuple[str, ...]) -> Iterator[_Case]:
-    for bound in _BOUNDS:
-        yield _Case(maneuver, bound, experiment, "unassisted", changes)
-
-
-def _label(law: str) -> str:
-    return law.rpartition(":")[2]
-
-
 class LawStops:
     """Callable that simulates the case with a given index; worker processes receive an instance."""
 
@@ -294,6 +245,55 @@ def _run_random(options: Options, study: StudyRun) -> StudyResult:
     costs = law_trials.ablation_costs(trials, tuple(laws))
     words = ", ".join(law_trials.removable(costs)) or "none"
     return study.result(costs, f"Parameters without a benefit in both sets: {words}.")
+
+
+def _label(law: str) -> str:
+    return law.rpartition(":")[2]
+
+
+def _cases(library: ExperimentLibrary, options: Options) -> Iterator[_Case]:
+    """Yield all cases of the study."""
+    straight = "straight_line"
+    if not options.without_optical:  # first, because these runs take the longest time
+        optical = (*_ALLOCATION, _PROPORTIONAL, "feedback=optical")
+        yield _Case(straight, "allocation_optical", straight, "assisted", optical)
+    for name, variants in _VARIANTS.items():
+        yield _Case(name, "unassisted", name, "unassisted", IDEAL)
+        for variant in variants:
+            words = "sliding_mode" if variant == "assisted" else f"sliding_mode_{variant}"
+            yield _Case(name, f"{words}_on_off", name, variant, IDEAL)
+        base = library.variants(name)[-1]
+        brakes = {"proportional": (_PROPORTIONAL,), "on_off": (), "lag": _LAG}
+        for kind, changes in brakes.items():
+            law = (*IDEAL, *_ALLOCATION, *changes)
+            yield _Case(name, f"allocation_{kind}", name, base, law)
+        for other in options.law:
+            for kind in ("on_off", "proportional"):
+                law = (*IDEAL, f"brake_assist.law={other}", *brakes[kind])
+                yield _Case(name, f"{_label(other)}_{kind}", name, base, law)
+        yield from _bounds(name, name, IDEAL)
+    noisy = (*_SENSOR, *_ALLOCATION, _PROPORTIONAL)
+    patch = "ice_patch_noisy"
+    yield _Case(patch, "sliding_mode_on_off", patch, "noisy", _SENSOR)
+    yield _Case(patch, "allocation_proportional", patch, "noisy", noisy)
+    turn = "turn_while_translate"
+    for rotation in _ROTATIONS:  # limits on the rotation in the turn of Table 2
+        spent = (*IDEAL, *_ALLOCATION, _PROPORTIONAL, f"brake_assist.max_rotation={rotation}")
+        yield _Case(turn, "allocation_proportional", turn, "k7", spent, f"{rotation:g}_deg")
+    for word, changes in _UNKNOWN.items():
+        for kind, variant, settings in (*_COMPARED, ("allocation_on_off", "assisted", _ALLOCATION)):
+            yield _Case(straight, kind, straight, variant, (*IDEAL, *settings, *changes), word)
+    for direction in range(0, 181, 15):
+        moving = (*IDEAL, f"maneuver.direction_deg={direction}")
+        name = f"straight_line_{direction}_deg"
+        yield from _bounds(name, straight, moving)
+        for kind, variant, settings in _COMPARED:
+            yield _Case(name, kind, straight, variant, (*moving, *settings))
+
+
+def _bounds(maneuver: str, experiment: str, changes: tuple[str, ...]) -> Iterator[_Case]:
+    for bound in _BOUNDS:
+        yield _Case(maneuver, bound, experiment, "unassisted", changes)
 
 
 Results = Sequence[tuple[_Case, LawStop]]

@@ -251,20 +251,6 @@ def draw_sideslip(
     return figure
 
 
-def _looks(trials: Mapping[Case, Sequence[Angles]]) -> dict[Case, dict[str, Any]]:
-    """Return the style of each curve: color of its ground, marker of its sensor, and label."""
-    grounds = list(dict.fromkeys(ground for ground, _ in trials))
-    sensors = list(dict.fromkeys(sensor for _, sensor in trials))
-    return {
-        (ground, sensor): {
-            "color": style.wheel_color(grounds.index(ground)),
-            "marker": _MARKERS[sensors.index(sensor) % len(_MARKERS)],
-            "label": f"{ground}, {sensor}",
-        }
-        for ground, sensor in trials
-    }
-
-
 def _draw_speeds(
     axes: Axes, trials: Mapping[Case, Sequence[Angles]], fastest: Mapping[str, float]
 ) -> None:
@@ -287,6 +273,20 @@ def _draw_speeds(
     axes.yaxis.set_major_formatter(FormatStrFormatter("%g"))
     axes.set_title("RMS over -15 to 15 deg, batches of 10 ms; no point: not measured")
     axes.set_ylabel("RMS error [deg]")
+
+
+def _looks(trials: Mapping[Case, Sequence[Angles]]) -> dict[Case, dict[str, Any]]:
+    """Return the style of each curve: color of its ground, marker of its sensor, and label."""
+    grounds = list(dict.fromkeys(ground for ground, _ in trials))
+    sensors = list(dict.fromkeys(sensor for _, sensor in trials))
+    return {
+        (ground, sensor): {
+            "color": style.wheel_color(grounds.index(ground)),
+            "marker": _MARKERS[sensors.index(sensor) % len(_MARKERS)],
+            "label": f"{ground}, {sensor}",
+        }
+        for ground, sensor in trials
+    }
 
 
 def _draw_angles(axes: Axes, trials: Mapping[Case, Sequence[Angles]], speed: float) -> None:

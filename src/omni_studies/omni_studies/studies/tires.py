@@ -149,12 +149,6 @@ def _load_figure(tire: Tire, loads: FloatArray) -> Figure:
     return figure
 
 
-def _parabola(tire: tmeasy.TMeasyConfiguration, load: FloatArray) -> FloatArray:
-    """Return the longitudinal slope [N] at each load [N] by Eq. (3), for loads of any size."""
-    c = tmeasy.direction_coefficients(tire)
-    return np.asarray((c[0] + c[1] * load) * load, dtype=np.float64)
-
-
 def _interpolation_figure(tire: tmeasy.TMeasyConfiguration) -> Figure:
     """Draw the parabola (3) of the longitudinal slope versus load (Figure 6)."""
     figure, axes = _axes("Wheel load $F_z$ [kN]", "Slope $dF_0$ at zero slip [kN]")
@@ -180,6 +174,12 @@ def _interpolation_figure(tire: tmeasy.TMeasyConfiguration) -> Figure:
     axes.set_title("Quadratic interpolation of the slope (Figure 6)")
     axes.legend(loc="upper center")
     return figure
+
+
+def _parabola(tire: tmeasy.TMeasyConfiguration, load: FloatArray) -> FloatArray:
+    """Return the longitudinal slope [N] at each load [N] by Eq. (3), for loads of any size."""
+    c = tmeasy.direction_coefficients(tire)
+    return np.asarray((c[0] + c[1] * load) * load, dtype=np.float64)
 
 
 def _model_figure(tires: Mapping[str, Tire], loads: Sequence[float]) -> Figure:

@@ -19,64 +19,6 @@ _TURN_ITERATIONS = 40
 
 
 @lean
-def _root(
-    demand: float, viscous: float, gain: float, curve: Any, low: float, high: float, start: float
-) -> tuple[float, float]:
-    """Return slip ``s`` [1] and force ``F`` [N] for which ``viscous s + gain F(s) = demand``.
-
-    The equation is solved by Newton's method within a bracket.
-
-    Args:
-        demand: magnitude of the force that a sticking patch would need, ``|A|`` [N].
-        viscous: damping times the denominator of the slip, ``D V`` [N].
-        gain: factor of the tire force, ``kappa`` [1].
-        curve: curve ``F`` of any tire model.
-        low: lower end of the bracket [1].
-        high: upper end of the bracket [1].
-        start: initial slip; if it is outside the bracket, the bracket's middle is used [1].
-    """
-    slip = start if low <= start < high else 0.5 * (low + high)
-    force, gradient = force_at(curve, slip)
-    for _ in range(_MAXIMUM_ITERATIONS):
-        residual = viscous * slip + gain * force - demand
-        if abs(residual) <= TOLERANCE * demand:
-            break
-        if residual > 0.0:
-            high = slip
-        else:
-            low = slip
-        step = slip - residual / (viscous + gain * gradient)
-        # Also true for NaN.
-        if not low < step < high:
-            step = 0.5 * (low + high)
-        if step == slip:
-            break
-        slip = step
-        force, gradient = force_at(curve, slip)
-    return slip, force
-
-
-@lean
-def _turning_point(viscous: float, gain: float, curve: Any, falling: float, rising: float) -> float:
-    """Return the slip [1] at an extremum of ``R(s) = viscous s + gain F(s)``, by bisection.
-
-    Args:
-        viscous: damping times the denominator of the slip, ``D V`` [N].
-        gain: factor of the tire force, ``kappa`` [1].
-        curve: curve ``F`` of any tire model.
-        falling: a slip at which ``R`` falls [1].
-        rising: a slip at which ``R`` rises [1].
-    """
-    for _ in range(_TURN_ITERATIONS):
-        middle = 0.5 * (falling + rising)
-        if viscous + gain * force_at(curve, middle)[1] < 0.0:
-            falling = middle
-        else:
-            rising = middle
-    return rising
-
-
-@lean
 def solve_contact(
     demand: float, damping: float, gain: float, speed: float, curve: Any, sliding: bool
 ) -> tuple[float, float, bool]:
@@ -129,3 +71,61 @@ def solve_contact(
     if not dips:
         sliding = slip > curve.steepest_slip
     return force, slip * speed, sliding
+
+
+@lean
+def _turning_point(viscous: float, gain: float, curve: Any, falling: float, rising: float) -> float:
+    """Return the slip [1] at an extremum of ``R(s) = viscous s + gain F(s)``, by bisection.
+
+    Args:
+        viscous: damping times the denominator of the slip, ``D V`` [N].
+        gain: factor of the tire force, ``kappa`` [1].
+        curve: curve ``F`` of any tire model.
+        falling: a slip at which ``R`` falls [1].
+        rising: a slip at which ``R`` rises [1].
+    """
+    for _ in range(_TURN_ITERATIONS):
+        middle = 0.5 * (falling + rising)
+        if viscous + gain * force_at(curve, middle)[1] < 0.0:
+            falling = middle
+        else:
+            rising = middle
+    return rising
+
+
+@lean
+def _root(
+    demand: float, viscous: float, gain: float, curve: Any, low: float, high: float, start: float
+) -> tuple[float, float]:
+    """Return slip ``s`` [1] and force ``F`` [N] for which ``viscous s + gain F(s) = demand``.
+
+    The equation is solved by Newton's method within a bracket.
+
+    Args:
+        demand: magnitude of the force that a sticking patch would need, ``|A|`` [N].
+        viscous: damping times the denominator of the slip, ``D V`` [N].
+        gain: factor of the tire force, ``kappa`` [1].
+        curve: curve ``F`` of any tire model.
+        low: lower end of the bracket [1].
+        high: upper end of the bracket [1].
+        start: initial slip; if it is outside the bracket, the bracket's middle is used [1].
+    """
+    slip = start if low <= start < high else 0.5 * (low + high)
+    force, gradient = force_at(curve, slip)
+    for _ in range(_MAXIMUM_ITERATIONS):
+        residual = viscous * slip + gain * force - demand
+        if abs(residual) <= TOLERANCE * demand:
+            break
+        if residual > 0.0:
+            high = slip
+        else:
+            low = slip
+        step = slip - residual / (viscous + gain * gradient)
+        # Also true for NaN.
+        if not low < step < high:
+            step = 0.5 * (low + high)
+        if step == slip:
+            break
+        slip = step
+        force, gradient = force_at(curve, slip)
+    return slip, force

@@ -148,13 +148,6 @@ def register(model: TireModel) -> TireModel:
     return model
 
 
-def _model_of(kind: type) -> TireModel:
-    try:
-        return _MODEL_OF[kind]
-    except KeyError:
-        raise TypeError(f"{kind!r} belongs to no tire model") from None
-
-
 def curve_at(parameters: Any, load: float, friction: float) -> Any:
     """Return the curve of a model at a load and a friction factor; also callable in kernels.
 
@@ -164,6 +157,13 @@ def curve_at(parameters: Any, load: float, friction: float) -> Any:
         friction: friction factor ``mu/mu_0`` [1].
     """
     return _model_of(type(parameters)).curve_at(parameters, load, friction)
+
+
+def _model_of(kind: type) -> TireModel:
+    try:
+        return _MODEL_OF[kind]
+    except KeyError:
+        raise TypeError(f"{kind!r} belongs to no tire model") from None
 
 
 def force_at(curve: Any, slip: float) -> tuple[float, float]:
@@ -199,16 +199,16 @@ def flat_together(*values: ArrayLike) -> tuple[tuple[int, ...], list[FloatArray]
     return common[0].shape, [np.ascontiguousarray(array).ravel() for array in common]
 
 
-def _type_of(numba_type: types.Type) -> type:
-    kind: type = getattr(numba_type, "instance_class", type(numba_type))
-    return kind
-
-
 # The lambdas are needed because numba accepts only Python functions here, not kernels.
 @overload(curve_at)
 def _compile_curve_at(parameters, load, friction):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202, ARG001
     kernel = _model_of(_type_of(parameters)).curve_at
     return lambda parameters, load, friction: kernel(parameters, load, friction)  # noqa: PLW0108
+
+
+def _type_of(numba_type: types.Type) -> type:
+    kind: type = getattr(numba_type, "instance_class", type(numba_type))
+    return kind
 
 
 @overload(force_at)
