@@ -108,7 +108,6 @@ def _vehicle(name: str, measured: Measured) -> str:
     wheel_mass = math.pi * radius**2 * (_USUAL.wheel_width * 2.0 * radius) * _USUAL.density
     torque = _USUAL.brake * carried * radius
     drive = measured.drive_torque or torque
-    size = measured.length**2 + measured.width**2
     values: dict[str, Any] = {
         "wheels": wheels,
         "chassis_length": measured.length,
@@ -116,7 +115,7 @@ def _vehicle(name: str, measured: Measured) -> str:
         "body": {
             "mass": measured.mass,
             "height": _round(_USUAL.height * radius),
-            "yaw_inertia": _round(measured.mass * size / 12.0),
+            "yaw_inertia": _round(measured.mass * _plate(measured)),
         },
     }
     if measured.load > 0.0:
@@ -162,6 +161,11 @@ def _vehicle(name: str, measured: Measured) -> str:
         "the yaw inertia\nand the brakes first.",
         {key: f"estimate: {note}" for key, note in notes.items()},
     )
+
+
+def _plate(measured: Measured) -> float:
+    """Return the square of the gyration radius of a plate as large as the chassis [m^2]."""
+    return (measured.length**2 + measured.width**2) / 12.0
 
 
 def _mecanum_wheels(measured: Measured) -> dict[str, dict[str, float]]:
