@@ -147,13 +147,12 @@ def _vehicle(name: str, measured: Measured) -> str:
         "body.yaw_inertia": "a plate, m (l^2 + w^2) / 12",
         "load": "a point mass at the front left",
         "brake": braking,
+        **({} if measured.drive_torque else {"drive.max_torque": "the brake's"}),
         "drive.stiffness": f"slips by {100.0 / _USUAL.clutch:.2g} cm/s at its maximum torque",
         "wheel_inertia": f"a solid disc of {wheel_mass:.2g} kg",
         "rollers": "the default rollers, scaled to load and radius of a wheel",
         "tire": "Table 1 scaled to the load of a wheel; ./omni fit-tire fits measurements",
     }
-    if not measured.drive_torque:
-        notes["drive.max_torque"] = "the brake's"
     return commented_yaml(
         values,
         f"{name}, {measured.length:g} m x {measured.width:g} m, made by ./omni new-vehicle. "
