@@ -106,8 +106,10 @@ def _vehicle(name: str, measured: Measured) -> str:
     wheels = _omni_wheels(measured) if measured.kind == _OMNI else _mecanum_wheels(measured)
     carried = mass * GRAVITY / len(wheels)
     wheel_mass = math.pi * radius**2 * (_USUAL.wheel_width * 2.0 * radius) * _USUAL.density
-    torque = _USUAL.brake * carried * radius
-    drive = measured.drive_torque or torque
+    locking = _USUAL.brake * carried * radius
+    brake, braking = _brake(measured, locking)
+    drive = measured.drive_torque or locking
+    size = measured.length**2 + measured.width**2
     values: dict[str, Any] = {
         "wheels": wheels,
         "chassis_length": measured.length,
@@ -115,7 +117,7 @@ def _vehicle(name: str, measured: Measured) -> str:
         "body": {
             "mass": measured.mass,
             "height": _round(_USUAL.height * radius),
-            "yaw_inertia": _round(measured.mass * _plate(measured)),
+            "yaw_inertia": _round(measured.mass * size / 12.0),
         },
     }
     if measured.load > 0.0:
@@ -125,15 +127,6 @@ def _vehicle(name: str, measured: Measured) -> str:
             "y": _round(0.3 * measured.width),
             "height": _round(2.5 * radius),
         }
-    braking = f"{_USUAL.brake:g} times the torque that locks a wheel"
-    by_drive = measured.brakes in (TORQUE, VELOCITY)
-    if by_drive and measured.drive_torque:
-        torque, braking = measured.drive_torque, "the torque of the drive"
-    brake = {"max_torque": _round(torque), **TYPICAL[measured.brakes]}
-    if measured.brakes == VELOCITY:
-        brake["ramp"] = BrakeConfiguration.ramp
-    if by_drive and measured.drive_power:
-        brake["max_power"] = measured.drive_power
     values |= {
         "brake": brake,
         "drive": {"max_torque": _round(drive), "stiffness": _round(_USUAL.clutch * drive * radius)},
@@ -147,12 +140,13 @@ def _vehicle(name: str, measured: Measured) -> str:
         "body.yaw_inertia": "a plate, m (l^2 + w^2) / 12",
         "load": "a point mass at the front left",
         "brake": braking,
-        **({} if measured.drive_torque else {"drive.max_torque": "the brake's"}),
         "drive.stiffness": f"slips by {100.0 / _USUAL.clutch:.2g} cm/s at its maximum torque",
         "wheel_inertia": f"a solid disc of {wheel_mass:.2g} kg",
         "rollers": "the default rollers, scaled to load and radius of a wheel",
         "tire": "Table 1 scaled to the load of a wheel; ./omni fit-tire fits measurements",
     }
+    if not measured.drive_torque:
+        notes["drive.max_torque"] = "the brake's"
     return commented_yaml(
         values,
         f"{name}, {measured.length:g} m x {measured.width:g} m, made by ./omni new-vehicle. "
@@ -162,9 +156,23 @@ def _vehicle(name: str, measured: Measured) -> str:
     )
 
 
-def _plate(measured: Measured) -> float:
-    """Return the square of the gyration radius of a plate as large as the chassis [m^2]."""
-    return (measured.length**2 + measured.width**2) / 12.0
+def _brake(measured: Measured, locking: float) -> tuple[dict[str, Any], str]:
+    """Return the values of the brakes, and a note on their torque.
+
+    Args:
+        measured: measured values of the vehicle.
+        locking: torque of a brake if it is unknown; it locks the wheel [N m].
+    """
+    torque, note = locking, f"{_USUAL.brake:g} times the torque that locks a wheel"
+    by_drive = measured.brakes in (TORQUE, VELOCITY)
+    if by_drive and measured.drive_torque:
+        torque, note = measured.drive_torque, "the torque of the drive"
+    brake = {"max_torque": _round(torque), **TYPICAL[measured.brakes]}
+    if measured.brakes == VELOCITY:
+        brake["ramp"] = BrakeConfiguration.ramp
+    if by_drive and measured.drive_power:
+        brake["max_power"] = measured.drive_power
+    return brake, note
 
 
 def _mecanum_wheels(measured: Measured) -> dict[str, dict[str, float]]:
@@ -229,7 +237,7 @@ def _tire(carried: float, radius: float) -> dict[str, Any]:
 def _rollers(largest_load: float, radius: float) -> dict[str, float]:
     """Return the default rollers, scaled to the largest load [N] and the radius [m] of a wheel."""
     usual, scale = RollerConfiguration(), radius / _USUAL.radius
-    stiffer = largest_load / TireConfiguration().largest_load / scale
+    stiffer = _stiffer(largest_load, radius)
     return {
         "radius": _round(scale * usual.radius),
         "inertia": max(_round(scale**5 * usual.inertia), 1e-7),
@@ -241,20 +249,24 @@ def _rollers(largest_load: float, radius: float) -> dict[str, float]:
 def tire_stiffness(largest_load: float, radius: float = _USUAL.radius) -> dict[str, float]:
     """Return stiffness and damping of a tire, keyed by configuration key.
 
-    They are chosen so that at the largest load, the ratio of deflection to radius is the same for
-    all tires.
-
     Args:
         largest_load: limit on the load of the tire [N].
         radius: radius of the wheel [m].
     """
-    table_1 = TireConfiguration()
-    stiffer = largest_load / table_1.largest_load * _USUAL.radius / radius
+    table_1, stiffer = TireConfiguration(), _stiffer(largest_load, radius)
     return {
         "stiffness": max(_round(stiffer * table_1.stiffness), 1e3),
         "damping": _round(stiffer * table_1.damping),
         "vertical_stiffness": max(_round(stiffer * table_1.vertical_stiffness), 1e4),
     }
+
+
+def _stiffer(largest_load: float, radius: float) -> float:
+    """Return the ratio of the stiffness of a tire to that of the tire of Table 1 [1].
+
+    At the largest load [N], the ratio of deflection to wheel radius [m] is the same for all tires.
+    """
+    return largest_load / TireConfiguration().largest_load * _USUAL.radius / radius
 
 
 def _sensors(name: str, measured: Measured) -> str:
