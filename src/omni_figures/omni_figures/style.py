@@ -75,12 +75,17 @@ def panels(
     figure = Figure(figsize=size, layout="constrained")
     grid = figure.subplots(rows, columns, squeeze=False, **kwargs)
     if title:
-        figure.suptitle(title, x=0.01, ha="left")
+        add_title(figure, title)
     for axes, words in zip(grid[-1], [x] * columns if isinstance(x, str) else x, strict=True):
         axes.set_xlabel(words)
     for axes, words in zip(grid[:, 0], [y] * rows if isinstance(y, str) else y, strict=True):
         axes.set_ylabel(words)
     return figure, grid
+
+
+def add_title(figure: Figure, title: str) -> None:
+    """Write the title of a figure at its upper left."""
+    figure.suptitle(title, x=0.01, ha="left")
 
 
 def tiles(

@@ -142,7 +142,7 @@ def draw_ground(ground: GroundConfiguration, name: str, edge: float = 0.2) -> Fi
     figure, ((axes,),) = style.panels("", size=(6.0, 6.4))
     piece = style.draw_texture(axes, texture.gray, texture.texel, edge)
     words = f"gray levels {piece.min()} to {piece.max()}, mean {piece.mean():.0f}"
-    figure.suptitle(f"{name}: {words}", x=0.01, ha="left")
+    style.add_title(figure, f"{name}: {words}")
     return figure
 
 
