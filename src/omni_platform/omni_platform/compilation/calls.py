@@ -17,7 +17,7 @@ from typing import Any
 import llvmlite.binding
 from llvmlite import ir
 from numba.core.caching import CompileResultCacheImpl
-from numba.core.codegen import JITCodeLibrary, JITCPUCodegen
+from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import CompileResult
 from numba.core.dispatcher import Dispatcher
 
@@ -32,7 +32,7 @@ _published: dict[str, _Kernel] = {}
 """The linked kernels that this process has compiled or loaded, by symbol."""
 
 
-class _KernelLibrary(JITCodeLibrary):
+class KernelLibrary(JITCodeLibrary):
     """The code of a kernel, in which the copies of its callees are private."""
 
     def _finalize_final_module(self) -> None:
@@ -44,9 +44,6 @@ class _KernelLibrary(JITCodeLibrary):
                     if function.linkage == llvmlite.binding.Linkage.linkonce_odr:
                         function.linkage = "internal"
         super()._finalize_final_module()
-
-
-JITCPUCodegen._library_class = _KernelLibrary
 
 
 def linked(dispatcher: Any) -> Any:

@@ -10,10 +10,10 @@ from typing import Any
 from numba.core.codegen import JITCPUCodegen
 from numba.core.environment import lookup_environment
 
-from omni_platform.compilation import calls
+from omni_platform.compilation.calls import KernelLibrary
 
 
-class _LazyLibrary(calls._KernelLibrary):
+class _LazyLibrary(KernelLibrary):
     """The code of a kernel, whose machine code is generated when its address is requested."""
 
     _generated = False
