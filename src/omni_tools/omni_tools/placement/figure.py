@@ -43,7 +43,7 @@ def placement_figure(
         width: width of a panel [in].
     """
     low, high = _limits(placements, area)
-    height = width * float((high[1] - low[1]) / (high[0] - low[0])) + 1.0
+    height = width * float((high[1] - low[1]) / (high[0] - low[0])) + 1.4
     look: dict[str, Any] = {"x": "forward [m]", "y": "left [m]", "sharex": True, "sharey": True}
     figure, panels = style.tiles(title, len(placements), 2, size=(width + 1.2, height), **look)
     norm = _norm(placements, criterion, area)
