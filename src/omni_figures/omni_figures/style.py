@@ -91,16 +91,15 @@ def add_title(figure: Figure, title: str) -> None:
 def tiles(
     title: str, count: int, columns: int, *, size: tuple[float, float], **look: Any
 ) -> tuple[Figure, list[Axes]]:
-    """Return a figure with `count` equal panels in at most `columns` columns, and their axes.
+    """Return a figure with `count` equal panels in `columns` columns, and their axes.
 
     Args:
         title: title of the figure; may be empty.
         count: number of panels.
-        columns: largest number of columns.
+        columns: number of columns, of which some are empty if `count` is smaller.
         size: width and height of a panel with its share of the margins [in].
         **look: further arguments of `panels`.
     """
-    columns = min(columns, count)
     rows = -(-count // columns)
     whole = size[0] * columns, size[1] * rows + 0.6
     figure, grid = panels(title, rows, columns, size=whole, **look)

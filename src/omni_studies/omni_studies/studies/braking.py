@@ -276,7 +276,8 @@ def _case_in_words(case: tuple[str, str]) -> str:
 
 def _draw_orientations(comparisons: Comparisons) -> Figure:
     """Draw the orientation over time, with both sources of feedback in one panel for each case."""
-    figure, panels = style.tiles("", len(comparisons), 4, size=(3.45, 2.7))
+    count = len(comparisons)
+    figure, panels = style.tiles("", count, min(count, 4), size=(3.45, 2.7))
     looks = {"sensor": (style.BLUE, 2.4), "optical": (style.VERMILLION, 1.2)}
     for axes, (case, runs) in zip(panels, comparisons.items(), strict=True):
         for feedback, history in runs.items():

@@ -45,7 +45,9 @@ def placement_figure(
     low, high = _limits(placements, area)
     height = width * float((high[1] - low[1]) / (high[0] - low[0])) + 1.4
     look: dict[str, Any] = {"x": "forward [m]", "y": "left [m]", "sharex": True, "sharey": True}
-    figure, panels = style.tiles(title, len(placements), 2, size=(width + 1.2, height), **look)
+    count = len(placements)
+    size = (width + 1.2, height)
+    figure, panels = style.tiles(title, count, min(count, 2), size=size, **look)
     norm = _norm(placements, criterion, area)
     for axes, placement in zip(panels, placements, strict=True):
         _draw(axes, placement, criterion, area, norm)
