@@ -25,6 +25,9 @@ options need a different study name, which is put before the file as NAME::
 
     ./omni exec python -m omni_studies.page_numbers results/*/summary.json NAME=other/summary.json
 
+If the new results lack a number that a page shows, for example because an optional package is not
+installed, the page then shows a dash, and the exit code is 1.
+
 With ``--check``, the program changes nothing. Its exit code is 1 if a page differs from
 ``docs/numbers.json``, or if a stored number differs from the number in a given file by more than 2
 % and by more than one unit of the last printed digit.
@@ -194,7 +197,7 @@ def outdated(place: Place, old: float | None, new: float | None, tolerance: floa
 
 
 def main() -> int:
-    """Fill the pages, or check that they are up to date."""
+    """Fill the pages, or check that they are up to date; report lost and outdated numbers."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n", maxsplit=1)[0])
     parser.add_argument("files", nargs="*", help="summary.json files of commands")
     parser.add_argument("--check", action="store_true", help="only report outdated numbers")
@@ -208,7 +211,7 @@ def main() -> int:
         for place in places(template, study):
             old = numbers.get(place.study, {}).get(place.metric)
             value = new[place.study].get(place.metric) if place.study in new else old
-            if options.check and outdated(place, old, value):
+            if (options.check or value is None) and outdated(place, old, value):
                 problems.append(f"{page.name}: {place.study} {place.metric}: {old}, now {value}")
             kept.setdefault(place.study, {})[place.metric] = value
     if not options.check:

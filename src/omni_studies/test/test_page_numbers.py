@@ -69,6 +69,15 @@ def test_a_number_typed_into_a_page_is_found(
     assert "page.md: its numbers are not those" in capsys.readouterr().err
 
 
+def test_a_number_that_a_page_loses_is_reported(
+    workspace: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(monkeypatch, summary(workspace, "ice", {"rotation.assisted": 2.4})) == 0
+    assert run(monkeypatch, summary(workspace, "ice", {"rotation.gone": 1.0})) == 1
+    assert "page.md: ice rotation.assisted: 2.4, now None" in capsys.readouterr().err
+    assert "| - deg | - m | 1.0 |" in (workspace / "docs/page.md").read_text()
+
+
 def test_two_values_of_one_metric_are_refused(
     workspace: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
