@@ -121,8 +121,10 @@ class Stop(NamedTuple):
         rest: whether the vehicle comes to rest, 0 or 1.
         distance: stopping distance, divided by the distance of the reference stop [1].
         rotation: rotation minus the rotation of the reference stop [deg].
-        all_on_rotation: for a brake fault, rotation of a stop with all brakes on from the onset (as
-            after immediate detection) minus the rotation of the reference stop [deg]; otherwise 0.
+        all_on_rest: for a brake fault, whether the vehicle comes to rest if all brakes are on from
+            the onset, as after a detection without delay, 0 or 1; otherwise that of the reference.
+        all_on_distance: distance of this stop, divided by that of the reference stop [1].
+        all_on_rotation: rotation of this stop minus that of the reference stop [deg].
         assisting: whether the assistant still released a brake more than 0.5 s after the onset
             while the vehicle was faster than 1 m/s; also 1 if the vehicle was never that fast after
             this time.
@@ -143,6 +145,8 @@ class Stop(NamedTuple):
     rest: int
     distance: float
     rotation: float
+    all_on_rest: int
+    all_on_distance: float
     all_on_rotation: float
     assisting: int
 
@@ -229,13 +233,12 @@ class FaultyStops:
                 name: FaultConfiguration(channel=name, kind="drop_out", time=time)
                 for name in CHANNELS
             }
-            all_on = run_fast_loop(dataclasses.replace(faulty, faults=lost)).orientation_change
+            all_on = _reference([run_fast_loop(dataclasses.replace(faulty, faults=lost))])
         else:
             faults = _configurations(fault, time)
             extent = "single" if len(faults) == 1 else "pair"
             faulty = dataclasses.replace(base, faults=faults)
-            reference = self.reference(setting)
-            all_on = reference.rotation
+            reference = all_on = self.reference(setting)
         run = run_fast_loop(faulty)
         return Stop(
             seed,
@@ -248,7 +251,9 @@ class FaultyStops:
             rest=int(run.stopped),
             distance=run.stopping_distance / reference.distance,
             rotation=run.orientation_change - reference.rotation,
-            all_on_rotation=all_on - reference.rotation,
+            all_on_rest=int(all_on.rest),
+            all_on_distance=all_on.distance / reference.distance,
+            all_on_rotation=all_on.rotation - reference.rotation,
             assisting=int(_still_assists(run, base, fault)),
         )
 

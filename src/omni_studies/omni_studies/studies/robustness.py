@@ -260,8 +260,12 @@ def _fault_metrics(group: str, stops: Sequence[Stop]) -> dict[str, Metric]:
         f"still_assisting.{group}": Metric(assisting, "%", at_least=limit.assisting),
     }
     if stops[0].extent == "brake":
-        known = max((stop.all_on_rotation for stop in counted), default=0.0)
-        metrics[f"worst_all_on_rotation.{group}"] = Metric(known, "deg")
+        rest = 100.0 * sum(stop.all_on_rest for stop in counted) / max(len(counted), 1)
+        distance = max((stop.all_on_distance for stop in counted), default=0.0)
+        rotation = max((stop.all_on_rotation for stop in counted), default=0.0)
+        metrics[f"comes_to_rest_all_on.{group}"] = Metric(rest, "%")
+        metrics[f"worst_all_on_distance_ratio.{group}"] = Metric(distance, "1")
+        metrics[f"worst_all_on_rotation.{group}"] = Metric(rotation, "deg")
     return metrics
 
 

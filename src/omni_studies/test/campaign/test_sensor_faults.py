@@ -344,8 +344,10 @@ def test_all_brakes_act_from_the_onset_of_a_brake_fault(stops: FaultyStops, imu:
         for onset in (-9.0, 0.5, 9.0)
     )
     assert before.all_on_rotation == pytest.approx(0.0, abs=0.1)
+    assert before.all_on_distance == pytest.approx(1.0, abs=0.01)
     assert before.rotation < -10.0
     assert after.all_on_rotation == pytest.approx(after.rotation, abs=0.1)
+    assert after.all_on_distance == pytest.approx(after.distance, abs=0.01)
     assert during.all_on_rotation > during.rotation
 
 
