@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 import io
+import json
+from pathlib import Path
 
+import pytest
 from rich.console import Console
 
+from omni_bringup.cli import main
 from omni_bringup.commands.study import _text
 from omni_loop.metrics import Metric
 from omni_studies.claims import Claim
-from omni_studies.study import StudyResult
+from omni_studies.studies import tires
+from omni_studies.study import StudyResult, StudyRun
 
 
 def printed(result: StudyResult) -> list[str]:
@@ -41,3 +46,17 @@ def test_a_limit_or_a_claim_is_missed_and_what_holds_is_not() -> None:
     assert StudyResult({"x.a": held}, claims=(Claim("it holds", held),)).missed == []
     assert StudyResult({"x.a": broken, "x.b": held}).missed == ["x.a"]
     assert StudyResult({"x.a": held}, claims=(Claim("it fails", broken),)).missed == ["it fails"]
+
+
+def test_a_missed_limit_ends_a_study_with_1_only_if_strict(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def run(options: tires.Options, study: StudyRun) -> StudyResult:
+        return study.result({"x.a": Metric(3.0, "1", at_most=2.0)})
+
+    monkeypatch.setattr(tires, "run", run)
+    for strict, code in (((), 0), (("--strict",), 1)):
+        with pytest.raises(SystemExit) as ended:
+            main(["study", "tires", "--json", "--out", str(tmp_path), *strict])
+        assert ended.value.code == code
+        assert json.loads(capsys.readouterr().out)["metrics"]["x.a"]["status"] == "missed"
