@@ -14,7 +14,7 @@ from omni_bringup.commands.study import _text
 from omni_loop.metrics import Metric
 from omni_studies.claims import Claim
 from omni_studies.studies import tires
-from omni_studies.study import StudyResult, StudyRun
+from omni_studies.study import StudyResult
 
 
 def printed(result: StudyResult) -> list[str]:
@@ -51,10 +51,8 @@ def test_a_limit_or_a_claim_is_missed_and_what_holds_is_not() -> None:
 def test_a_missed_limit_ends_a_study_with_1_only_if_strict(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    def run(options: tires.Options, study: StudyRun) -> StudyResult:
-        return study.result({"x.a": Metric(3.0, "1", at_most=2.0)})
-
-    monkeypatch.setattr(tires, "run", run)
+    metrics = {"x.a": Metric(3.0, "1", at_most=2.0)}
+    monkeypatch.setattr(tires, "run", lambda _, study: study.result(metrics))
     for strict, code in (((), 0), (("--strict",), 1)):
         with pytest.raises(SystemExit) as ended:
             main(["study", "tires", "--json", "--out", str(tmp_path), *strict])
