@@ -25,13 +25,11 @@ from omni_platform.configuration import Configuration, parameter
 from omni_platform.sensors import LineSensor, Mount
 from omni_platform.signals import Flow, LineBatch
 from omni_ros import messages
-from omni_ros.frames import FrameConfiguration, prefix_frames
+from omni_ros.frames import MISSING, FrameConfiguration, TransformPublisher, prefix_frames
 from omni_ros.parameters import declare_configuration
-from omni_ros.process import Spinner, run_process, spin_until_stopped
+from omni_ros.process import Spinner, StartupConfiguration, run_process, spin_until_stopped
 from omni_ros.qos import BEST_EFFORT, LATCHED, RELIABLE, advertise, subscribe
-from omni_ros.startup import StartupConfiguration
 from omni_ros.status import ERROR, OK, WARN, Status, StatusReporter
-from omni_ros.transforms import MISSING, TransformPublisher
 
 _WAITING_BATCHES = 2  # in real time, length of the queue of a camera
 _ASSUMED = "sideways velocity not measured, but computed for an axle that does not slip"

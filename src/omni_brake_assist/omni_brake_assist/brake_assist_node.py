@@ -33,13 +33,12 @@ from omni_brake_assist.step_pairing import Sample, StepPairing
 from omni_platform import topics
 from omni_platform.configuration import Configuration, ConfigurationError, parameter
 from omni_platform.signals import PedalSample, TwistSample, upwards_problem
+from omni_ros.clocks import RunningClock
 from omni_ros.messages import joint_state
 from omni_ros.parameters import declare_configuration
-from omni_ros.process import Spinner, run_process, spin_until_stopped
+from omni_ros.process import Spinner, StartupConfiguration, run_process, spin_until_stopped
 from omni_ros.publisher_guard import PublisherGuard
 from omni_ros.qos import RECENT, RELIABLE, advertise, subscribe
-from omni_ros.running_clock import RunningClock
-from omni_ros.startup import StartupConfiguration
 from omni_ros.status import Status, StatusReporter, steady_clock
 
 _SWITCH = "enabled"  # this parameter may be changed at any time

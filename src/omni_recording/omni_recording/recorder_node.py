@@ -2,7 +2,7 @@
 
 Messages are not decoded, except for odometry messages that are also recorded as `/tf`. On SIGINT or
 SIGTERM, the node stores the messages received so far, closes the recording, and reports
-``{"recorded": {topic: count}}``, see `omni_ros.report`.
+``{"recorded": {topic: count}}``, see `environment.report`.
 """
 
 import contextlib
@@ -19,9 +19,9 @@ from omni_recording import definitions, plan, write
 from omni_recording.metadata import RecordedQos, RecordedTopic
 from omni_recording.transforms import ODOMETRY_TYPE, RecordedTransforms
 from omni_ros import parameters, process, publisher_guard
+from omni_ros.environment import report
 from omni_ros.messages import message_class
 from omni_ros.qos import LATCHED, RELIABLE
-from omni_ros.report import report
 
 
 class RecorderNode(Node):

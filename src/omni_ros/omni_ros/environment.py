@@ -1,10 +1,16 @@
-"""Environment of a node process; importing this module does not require ROS."""
+"""Environment of a node process, and its reports to the process that started it.
 
+Importing this module does not require ROS.
+"""
+
+import contextlib
+import json
 import os
 import re
 import tempfile
 from collections.abc import Mapping, MutableMapping
 from pathlib import Path
+from typing import Any
 
 from omni_platform.configuration import ConfigurationError
 
@@ -68,3 +74,22 @@ def node_environment(domain: int) -> dict[str, str]:
     environment.setdefault("PYTHONUNBUFFERED", "1")
     name_log_folder(environment)
     return environment
+
+
+def report(document: Mapping[str, Any]) -> None:
+    """Write a document to the file descriptor and the file that environment variables name.
+
+    Standard output is not used, because the DDS implementation prints its errors there.
+
+    Args:
+        document: values that strict JSON can represent, written as one line.
+    """
+    descriptor = os.environ.get(REPORT_VARIABLE)
+    file = os.environ.get(REPORT_FILE_VARIABLE)
+    line = json.dumps(document, allow_nan=False).encode() + b"\n"
+    with contextlib.suppress(OSError):  # the reading process has ended
+        if descriptor is not None:
+            os.write(int(descriptor), line)
+        if file is not None:
+            with Path(file).open("ab") as reports:
+                reports.write(line)

@@ -14,7 +14,7 @@ import re
 import signal
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 
 import rclpy
 from rclpy.duration import Duration
@@ -22,10 +22,11 @@ from rclpy.exceptions import NameValidationException, ParameterException
 from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
+from rclpy.publisher import Publisher
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 
-from omni_platform.configuration import ConfigurationError
+from omni_platform.configuration import Configuration, ConfigurationError, parameter
 from omni_platform.exit_codes import ExitCode
 from omni_ros import environment, parameters
 
@@ -191,6 +192,42 @@ class Spinner:
                 return False
             self._executor.spin_once(timeout_sec=min(remaining, _POLL))
         return True
+
+
+class StartupConfiguration(Configuration):
+    """Subscriptions that must exist before a node publishes, so that no message is missed."""
+
+    subscribers: int = parameter(0, minimum=0, maximum=100)
+    """Number of subscriptions that each output must have before the node starts to work"""
+    match_timeout: float = parameter(20.0, unit="s", above=0.0, maximum=3600.0)
+    """Limit on the time to wait for these subscriptions"""
+
+    def await_subscribers(
+        self, publishers: Iterable[Publisher], spinner: Spinner, count: int | None = None
+    ) -> None:
+        """Wait until each publisher has `count` subscriptions, so that no message is missed.
+
+        Args:
+            publishers: publishers to wait for.
+            spinner: spinner, which notices a request to stop.
+            count: number of subscriptions that each publisher must have; None for the value of the
+                parameter `subscribers`.
+
+        Raises:
+            NodeError: a topic has too few subscriptions; the message names the topic.
+        """
+        count = self.subscribers if count is None else count
+        for publisher in publishers:
+            deadline = time.monotonic() + self.match_timeout
+            # Discovery runs in DDS threads and does not wake the executor, so the count is polled.
+            while publisher.get_subscription_count() < count and not spinner.stop:
+                if time.monotonic() > deadline:
+                    raise NodeError(
+                        f"{publisher.topic_name} has {publisher.get_subscription_count()} of "
+                        f"{count} expected subscribers after {self.match_timeout:g} s; is the "
+                        "subscribing node running in the same ROS domain?"
+                    )
+                time.sleep(0.005)
 
 
 def spin_until_stopped(_node: Node, spinner: Spinner) -> None:

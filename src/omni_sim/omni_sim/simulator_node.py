@@ -25,10 +25,10 @@ from omni_platform.configuration import Configuration, parameter
 from omni_platform.description import IMU_FRAME, urdf
 from omni_platform.quantities import SECOND_NS, FloatArray
 from omni_platform.sensors import Mount
-from omni_ros import messages, parameters, process, shared_clock, startup
+from omni_ros import clocks, messages, parameters, process
+from omni_ros.environment import report
 from omni_ros.frames import FrameConfiguration, prefix_frames
 from omni_ros.qos import RECENT, RELIABLE, advertise, subscribe
-from omni_ros.report import report
 from omni_sim import run_control_node, run_progress
 from omni_sim.configuration import SimulatorConfiguration
 from omni_sim.driver.manual import DemandInbox, ManualDriver, ManualDriverConfiguration
@@ -71,7 +71,7 @@ class SimulatorNode(Node):
 
     def __init__(self) -> None:
         super().__init__("simulator")
-        self.startup = parameters.declare_configuration(self, startup.StartupConfiguration)
+        self.startup = parameters.declare_configuration(self, process.StartupConfiguration)
         self.loop = parameters.declare_configuration(self, LoopConfiguration)
         self._prefix = parameters.declare_configuration(self, FrameConfiguration).frame_prefix
         self.configuration = parameters.declare_configuration(self, SimulatorConfiguration)
@@ -103,9 +103,9 @@ class SimulatorNode(Node):
 
     def _make_publishers(self) -> None:
         create = partial(advertise, self)
-        self._shared_clock: shared_clock.SharedClock | None = None
+        self._shared_clock: clocks.SharedClock | None = None
         if self.loop.publish_clock:
-            self._shared_clock = shared_clock.SharedClock(self, alone=self.loop.mode == "lockstep")
+            self._shared_clock = clocks.SharedClock(self, alone=self.loop.mode == "lockstep")
         self._wheel_states = create(topics.WHEEL_STATES)
         self._joints = create(topics.JOINT_STATES)  # for robot_state_publisher
         self._imu = create(topics.IMU)

@@ -20,9 +20,8 @@ from omni_platform.signals import LineBatch
 from omni_ros.frames import FrameConfiguration, prefix_frames
 from omni_ros.messages import camera_info, line_image
 from omni_ros.parameters import declare_configuration
-from omni_ros.process import NodeError, Spinner, run_process
+from omni_ros.process import NodeError, Spinner, StartupConfiguration, run_process
 from omni_ros.qos import advertise
-from omni_ros.startup import StartupConfiguration
 from omni_ros.status import ERROR, OK, WARN, Status, StatusReporter
 
 _MOST_WAITING = 64  # limit on the number of frames in the queue; further frames are lost

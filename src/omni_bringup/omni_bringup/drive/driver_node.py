@@ -35,9 +35,8 @@ from omni_platform.configuration import (
 )
 from omni_platform.geometry import WheelMount
 from omni_ros import parameters, process, qos
-from omni_ros.environment import REPORT_VARIABLE
+from omni_ros.environment import REPORT_VARIABLE, report
 from omni_ros.messages import joint_state, planar_pose_of, planar_twist, to_nanoseconds
-from omni_ros.report import report
 from omni_sim.ground.friction import FrictionPatch
 
 _ASSISTANT = "brake_assist"  # in the namespace of this node

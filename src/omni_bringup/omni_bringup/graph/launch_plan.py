@@ -51,7 +51,7 @@ class LaunchPlan:
     is_run: bool
 
     def reports(self, name: str) -> Path:
-        """Return the path of the file to which a node writes its reports (`omni_ros.report`)."""
+        """Return the path of the file to which a node writes its reports (`environment.report`)."""
         return self.scratch / f"{name}.reports"
 
     def finish(self) -> run_variant.VariantResult:

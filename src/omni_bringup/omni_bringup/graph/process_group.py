@@ -134,7 +134,7 @@ class RunningProcess:
             self._halted |= os.waitid(os.P_PID, self.pid, events) is not None
 
     def new_reports(self) -> list[dict[str, Any]]:
-        """Return the reports (`omni_ros.report`) of the process since the last call."""
+        """Return the reports (`environment.report`) of the process since the last call."""
         text = _read_from(self._reports, self._read_until)
         complete = text.rfind(b"\n") + 1
         self._read_until += complete

@@ -4,7 +4,8 @@ A round consists of at most one message of each topic. It is sent when the resul
 round has arrived. Messages of one topic therefore cannot overtake messages of another topic, no
 queue overflows, and the results do not depend on the speed of the replay. If no result arrives, for
 example because a sensor is missing, the next round is sent after a timeout. At the end the node
-reports ``{"published": {topic: count}, "results": ..., "timeouts": count}``, see `omni_ros.report`.
+reports ``{"published": {topic: count}, "results": ..., "timeouts": count}``, see
+`environment.report`.
 """
 
 import time
@@ -20,9 +21,9 @@ from omni_platform.configuration import Configuration, ConfigurationError, param
 from omni_platform.quantities import SECOND_NS
 from omni_recording import folder, mcap
 from omni_recording.error import BagError
-from omni_ros import parameters, process, qos, startup
+from omni_ros import parameters, process, qos
+from omni_ros.environment import report
 from omni_ros.messages import leading_stamp, to_time
-from omni_ros.report import report
 
 
 class PlayerConfiguration(Configuration):
@@ -64,7 +65,7 @@ class PlayerNode(Node):
 
     def __init__(self) -> None:
         super().__init__("player")
-        self.startup = parameters.declare_configuration(self, startup.StartupConfiguration)
+        self.startup = parameters.declare_configuration(self, process.StartupConfiguration)
         configuration = parameters.declare_configuration(self, PlayerConfiguration)
         self.configuration = configuration
         self.clock = qos.advertise(self, topics.CLOCK)

@@ -82,7 +82,7 @@ def test_what_is_not_there_is_named(prefix: Path, package: str, executable: str)
 def test_stubborn_processes_are_killed_and_gone(prefix: Path) -> None:
     body = (
         "import signal, time\n"
-        "from omni_ros.report import report\n"
+        "from omni_ros.environment import report\n"
         "signal.signal(signal.SIGTERM, signal.SIG_IGN)\n"
         "report({})\n"
         "time.sleep(60)"
@@ -110,7 +110,7 @@ def test_last_started_ends_first(prefix: Path, tmp_path: Path) -> None:
     order.touch()
     body = (
         "import signal, sys, time\n"
-        "from omni_ros.report import report\n"
+        "from omni_ros.environment import report\n"
         "def end(*_):\n"
         f"    open({str(order)!r}, 'a').write(sys.argv[0][-1])\n"
         "    sys.exit()\n"
@@ -129,7 +129,7 @@ def test_last_started_ends_first(prefix: Path, tmp_path: Path) -> None:
 
 ASKED = (
     "import pathlib, signal, sys, time\n"
-    "from omni_ros.report import report\n"
+    "from omni_ros.environment import report\n"
     "asked = []\n"
     "signal.signal(signal.SIGTERM, lambda *_: asked.append(1))\n"
     "report({})\n"
@@ -253,7 +253,7 @@ def test_an_end_is_described_with_the_last_words(prefix: Path) -> None:
 def test_reports_come_complete_and_apart_from_standard_output(prefix: Path) -> None:
     body = (
         "import os\n"
-        "from omni_ros.report import report\n"
+        "from omni_ros.environment import report\n"
         "print('\\x1b[31;1m[RTPS Error] no such profile\\x1b[0m', flush=True)\n"
         "report({'share': 0.5})\n"
         "report({'share': 1.0})\n"

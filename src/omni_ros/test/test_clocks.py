@@ -2,7 +2,7 @@
 
 import pytest
 
-from omni_ros.running_clock import RunningClock
+from omni_ros.clocks import RunningClock
 
 PERIOD = 0.025  # [s]
 
