@@ -5,8 +5,7 @@ from collections.abc import Mapping
 
 from linescan_odometry.matching.search import METRICS
 from linescan_odometry.matching.subpixel import FEWEST_PIXELS
-from linescan_odometry.twist.kinematics import KinematicsConfiguration
-from linescan_odometry.twist.least_squares import check_placement
+from linescan_odometry.twist.least_squares import KinematicsConfiguration, check_placement
 from omni_platform.configuration import (
     Configuration,
     ConfigurationError,

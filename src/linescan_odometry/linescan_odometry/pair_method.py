@@ -10,8 +10,7 @@ import numpy as np
 
 from linescan_odometry.configuration import OdometryConfiguration
 from linescan_odometry.matching.median import average, find_inliers
-from linescan_odometry.matching.pairs import PairDisplacements, PairMatcher
-from linescan_odometry.matching.search import make_search
+from linescan_odometry.matching.search import PairDisplacements, PairMatcher, make_search
 from linescan_odometry.matching.subpixel import SubpixelRefiner
 from linescan_odometry.measurements import Displacement, Unmeasured
 from linescan_odometry.plausibility import Plausibility

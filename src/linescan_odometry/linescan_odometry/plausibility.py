@@ -8,7 +8,7 @@ the sensor for a limited time only.
 
 import numpy as np
 
-from linescan_odometry.matching.pairs import PairDisplacements
+from linescan_odometry.matching.search import PairDisplacements
 from omni_platform.kernels import njit
 from omni_platform.quantities import BoolArray, FloatArray
 from omni_platform.sensors import LineSensor

@@ -31,11 +31,11 @@ import numpy as np
 
 from omni_brake_assist import assist_state, assist_step, conditions, fail_safe
 from omni_brake_assist.assist_state import Inputs, LawCall
-from omni_brake_assist.conditions import CONDITIONS, GOOD, INACTIVE, SLOW, UNREADABLE, AssistState
+from omni_brake_assist.conditions import CONDITIONS, GOOD, UNREADABLE, AssistState, Decision, Fault
 from omni_brake_assist.configuration import BrakeAssistConfiguration
-from omni_brake_assist.decision import BrakeDemand, Decision, Fault
 from omni_brake_assist.laws.law import NO_HELP, call_law, own_law
 from omni_brake_assist.sources import Source, sources
+from omni_brake_assist.step_pairing import BrakeDemand
 from omni_platform.kinematics import PlatformKinematics
 from omni_platform.quantities import FloatArray
 from omni_platform.signals import INVALID, MISSING, VALID, ImuSample, TwistSample, WheelSample
@@ -165,7 +165,7 @@ class BrakeAssist:
         code = int(self._memory.step["fault"][0])
         present = self._fault_in_words(code) if code != GOOD else None
         state, reason = CONDITIONS[outcome].state, self._reason(outcome, present)
-        if present is not None and INACTIVE < outcome < SLOW:
+        if present is not None and conditions.INACTIVE < outcome < conditions.SLOW:
             state = present.state
         return Decision(self._stamp_ns, enable, error, state, reason, present)
 
@@ -279,12 +279,13 @@ class BrakeAssist:
             outcome: row of `conditions.CONDITIONS` that determines the state.
             fault: present fault of an input, or None.
         """
-        if fault is not None and INACTIVE < outcome < SLOW:
+        if fault is not None and conditions.INACTIVE < outcome < conditions.SLOW:
             return fault.reason
         configuration = self.configuration
         if outcome == conditions.FAILED_BRAKE and self._constants.laws.replans:
             outcome = conditions.REPLANNED  # also in steps in which the law releases no brake
-        limit = configuration.speed_threshold if outcome == SLOW else configuration.pedal_threshold
+        slow = outcome == conditions.SLOW
+        limit = configuration.speed_threshold if slow else configuration.pedal_threshold
         words = CONDITIONS[outcome].words.format(limit=limit, wheel=self._failed_wheel)
         dwell = configuration.minimum_dwell_time
         if outcome in (conditions.ASSISTING, conditions.DEAD_RECKONING) and dwell > 0.0:

@@ -18,9 +18,8 @@ from rclpy.parameter import Parameter
 from sensor_msgs.msg import Imu, JointState
 
 from omni_brake_assist.brake_assist import BrakeAssist
-from omni_brake_assist.conditions import WARNING, AssistState
+from omni_brake_assist.conditions import WARNING, AssistState, Decision, Fault
 from omni_brake_assist.configuration import BrakeAssistConfiguration
-from omni_brake_assist.decision import Decision, Fault
 from omni_brake_assist.messages import (
     decision_messages,
     imu_reading_of,

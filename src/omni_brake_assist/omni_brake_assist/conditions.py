@@ -7,9 +7,12 @@ brakes; otherwise all brakes are on. The kernels return the index of the conditi
 omni_brake_assist.conditions`` prints the table of states in the README of this package.
 """
 
+import dataclasses
 import enum
 import re
 from typing import NamedTuple
+
+from omni_platform.quantities import FloatArray
 
 
 class AssistState(enum.Enum):
@@ -59,6 +62,44 @@ class AssistState(enum.Enum):
 
 
 OK, WARNING, ERROR = range(3)
+
+
+@dataclasses.dataclass(frozen=True)
+class Fault:
+    """A fault of an input of the assistant, with a description.
+
+    Attributes:
+        state: state of the assistant that the fault causes.
+        reason: description on one line, with the measured value and its limit.
+    """
+
+    state: AssistState
+    reason: str
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Decision:
+    """Decision of the assistant in one step: the brake enables and their reason.
+
+    Attributes:
+        stamp_ns: stamp of the demand for which this decision was made [ns].
+        enable: share of the brake pressure that passes [1], shape (N,); a wheel with 0 rolls
+            freely.
+        error: error of each wheel, as defined by the control law [m/s], shape (N,). With the law
+            `sliding_mode`, it is ``s_i`` of Eq. (44) of the dissertation. It is zero while the
+            pedal is up or the feedback is invalid.
+        state: state of the assistant.
+        reason: description on one line; for a fault, with the measured value and its limit.
+        fault: fault of an input; None if all inputs are valid. A fault is reported even if it has
+            no effect because `state` is INACTIVE or DISABLED.
+    """
+
+    stamp_ns: int
+    enable: FloatArray
+    error: FloatArray
+    state: AssistState
+    reason: str
+    fault: Fault | None = None
 
 
 class Condition(NamedTuple):

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from omni_brake_assist.decision import Decision
+from omni_brake_assist.conditions import Decision
 from omni_platform import topics
 from omni_platform.signals import ImuSample, PedalSample, TwistSample, WheelSample
 from omni_ros.messages import joint_state, planar_twist_of, to_nanoseconds

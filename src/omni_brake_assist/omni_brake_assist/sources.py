@@ -16,8 +16,7 @@ import numpy as np
 
 from omni_brake_assist import conditions
 from omni_brake_assist.assist_state import Memory
-from omni_brake_assist.conditions import CONDITIONS, WARNING
-from omni_brake_assist.decision import Decision
+from omni_brake_assist.conditions import CONDITIONS, WARNING, Decision
 from omni_brake_assist.filter_bank import state as bank
 from omni_brake_assist.filter_bank.measurement import GATE
 from omni_brake_assist.filter_bank.state import FAULTY, NO_IMU

@@ -1,12 +1,32 @@
 """Newest inputs of the brake assistant, and pairing of the inputs of a step in lockstep."""
 
+import dataclasses
 from typing import Any, TypeVar
 
-from omni_brake_assist.decision import BrakeDemand
 from omni_platform.signals import ImuSample, PedalSample, TwistSample, WheelSample
 
 Sample = PedalSample | TwistSample | WheelSample | ImuSample
 _S = TypeVar("_S")
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class BrakeDemand:
+    """Brake demand of the driver, with the latest measurements.
+
+    Attributes:
+        stamp_ns: time of the demand [ns from the start of the run].
+        pedal: driver's brake demand [1], 0 to 1.
+        feedback: latest received twist, repeated until a newer twist is received; None before the
+            first twist.
+        wheels: latest received wheel speeds; None before the first message.
+        imu: latest received IMU reading; None before the first message.
+    """
+
+    stamp_ns: int
+    pedal: float
+    feedback: TwistSample | None
+    wheels: WheelSample | None = None
+    imu: ImuSample | None = None
 
 
 class StepPairing:

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from omni_brake_assist.brake_assist import BrakeAssist, BrakeAssistConfiguration, BrakeDemand
-from omni_brake_assist.conditions import ERROR, OK, WARNING, AssistState
-from omni_brake_assist.decision import Decision
+from omni_brake_assist.conditions import ERROR, OK, WARNING, AssistState, Decision
 from omni_brake_assist.sources import (
     BRAKED,
     FUSED,

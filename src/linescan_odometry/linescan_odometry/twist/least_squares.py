@@ -11,8 +11,8 @@ lever arms that no translation can explain.
 A flow sensor measures the velocity of one position along two axes. It adds two rows, whose errors
 may be correlated.
 
-If the sensors alone do not suffice, an axle without sideways slip (`kinematics`) may add the row
-(0, 1, axle x) with the velocity 0.
+If the sensors alone do not suffice, an axle without sideways slip may add the row (0, 1, axle x)
+with the velocity 0, as a line camera at (axle x, 0) with an axis to the left does.
 
 Remaining calibration errors dp, dphi and dl of a camera's pixel pitch p, axis angle phi and lever
 arm l cause a systematic error of the measured velocity v. To first order, for the twist (v_x, v_y,
@@ -33,15 +33,58 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from omni_platform.configuration import ConfigurationError
+from omni_platform.configuration import Configuration, ConfigurationError, parameter
 from omni_platform.quantities import BoolArray, FloatArray
 from omni_platform.sensors import Mount, sensor_matrix
 
+NONE, UNSTEERED_AXLE = "none", "unsteered_axle"
 _NARROWEST = math.sin(math.radians(5.0)) ** 2
 # If the variance of a sensor's residual is a smaller share of the sensor's variance, the other
 # sensors cannot check this sensor [1].
 _CHECKED = 1e-6
 _WEAKEST_LEVER = 0.05  # smallest ratio of the effective lever arm to the spread of the sensors
+
+
+class KinematicsConfiguration(Configuration):
+    """Kinematic constraint of a vehicle while its wheels grip, which replaces a missing sensor.
+
+    Source: dissertation, section 4.6 and Figure 70. A wheel that is not steered rolls along the
+    body's x axis and, as long as it grips, does not move sideways. The same is true for every point
+    on the line through its axle. For an axle at x = a, the constraint on the sideways velocity v_y
+    and the yaw rate Omega of the body is ``v_y + a Omega = 0``. The constraint is valid for the
+    driven axle of a differential drive and the rear axle of an Ackermann drive, but not for
+    omni-wheels.
+
+    When the vehicle skids, the constraint is wrong. Two cameras cannot detect the skid: the
+    estimated v_y then has an error as large as the skid velocity, while the covariance includes
+    only the sideways velocity of gripping wheels. The constraint is therefore used only if the
+    sensors alone do not determine the twist. Otherwise, it is only compared with the sensors to
+    detect a skid.
+    """
+
+    constraint: str = parameter(NONE, choices=(NONE, UNSTEERED_AXLE))
+    """Constraint that is used if the sensors do not suffice: `none`, or `unsteered_axle` for an
+    axle that does not slip sideways (differential and Ackermann drives)"""
+    axle_x: float = parameter(0.0, unit="m", minimum=-100.0, maximum=100.0)
+    """Position of the axle along x of base_link"""
+    deviation: float = parameter(0.02, unit="m/s", above=0.0, maximum=100.0)
+    """Standard deviation of the axle's sideways velocity while its wheels grip"""
+    deviation_share: float = parameter(0.005, minimum=0.0, maximum=1.0)
+    """Additional standard deviation of the axle's sideways velocity, divided by the largest
+    velocity that any sensor measures"""
+
+    @property
+    def axle(self) -> float | None:
+        """Position x of the axle without sideways slip [m], None without a constraint."""
+        return self.axle_x if self.constraint == UNSTEERED_AXLE else None
+
+    def variance(self, speed: float) -> float:
+        """Return the variance of the axle's sideways velocity [m^2/s^2].
+
+        Args:
+            speed: magnitude of the largest velocity that a sensor measured [m/s].
+        """
+        return self.deviation**2 + math.pow(self.deviation_share * speed, 2)
 
 
 def check_placement(

@@ -11,8 +11,11 @@ import pytest
 
 from linescan_odometry.measurements import TwistEstimate
 from linescan_odometry.odometry import LineScanOdometry, OdometryConfiguration
-from linescan_odometry.twist.kinematics import KinematicsConfiguration
-from linescan_odometry.twist.least_squares import TwistSolver, check_placement
+from linescan_odometry.twist.least_squares import (
+    KinematicsConfiguration,
+    TwistSolver,
+    check_placement,
+)
 from omni_platform.configuration import ConfigurationError
 from omni_platform.sensors import LineSensor, sensor_matrix
 from omni_platform.signals import LineBatch

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 
 from linescan_odometry.configuration import OdometryConfiguration
 from linescan_odometry.matching import search, subpixel
-from linescan_odometry.matching.pairs import PairMatcher
+from linescan_odometry.matching.search import PairMatcher
 from linescan_odometry.measurements import SensorReading
 from linescan_odometry.sensor import SensorOdometry
 from omni_figures import style
