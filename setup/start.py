@@ -1,5 +1,6 @@
 """Make the workspace ready and run the command in it."""
 
+import errno
 import fcntl
 import os
 import shutil
@@ -12,7 +13,6 @@ from setup import workspace as places
 from setup.build import build
 from setup.environment import make_environment
 from setup.failures import SetupError, explain_file_error
-from setup.lock import open_lock, take_lock
 from setup.pythons import say
 from setup.steps import Steps
 
@@ -99,6 +99,35 @@ def make_ready(workspace: places.Workspace, lock: int | None) -> None:
         say(f"ready after {time.monotonic() - begun:.0f} s")
         take_lock(lock, fcntl.LOCK_SH)
         return
+
+
+def open_lock(workspace: places.Workspace) -> int | None:
+    """Return the descriptor of the workspace's lock file."""
+    path = workspace.cache / "lock"
+    try:
+        workspace.cache.mkdir(exist_ok=True)
+        return os.open(str(path), os.O_RDWR | os.O_CREAT, 0o666)
+    except OSError:
+        if path.exists():  # the folder may have become read-only after a set-up
+            return os.open(str(path), os.O_RDONLY)
+        raise
+
+
+def take_lock(lock: int | None, mode: int) -> None:
+    """Take the lock in a mode of `fcntl.flock`; print a message before waiting for it.
+
+    Do nothing if `lock` is None, or if the file system does not support locks.
+    """
+    if lock is None:
+        return
+    try:
+        fcntl.flock(lock, mode | fcntl.LOCK_NB)
+    except BlockingIOError:
+        say("waiting for another start in this folder to finish")
+        fcntl.flock(lock, mode)
+    except OSError as error:
+        if error.errno not in (errno.ENOLCK, errno.ENOTSUP, errno.EINVAL, errno.EBADF):
+            raise  # on a file system without locks, set-up runs without one
 
 
 def hand_over(

@@ -19,8 +19,7 @@ from typing import Any, NoReturn
 
 from omni_bringup import command_report, commands
 from omni_bringup.interruption import leave_at_once_on_signals
-from omni_bringup.progress_bar import at_work
-from omni_bringup.workspace import Workspace, workspace_folder
+from omni_bringup.workspace import Workspace, at_work, workspace_folder
 from omni_platform import command_options, configuration
 from omni_platform.exit_codes import ExitCode
 from omni_ros.start import start_lightly

@@ -1,19 +1,22 @@
-"""Workspace, the folder whose configuration a command reads and in which it stores results."""
+"""Workspace, the folder whose configuration a command reads, and progress of a command."""
 
 from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Callable, Iterable
-from contextlib import AbstractContextManager
+import threading
+import time
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from omni_bringup.progress_bar import progress_bar
-
 if TYPE_CHECKING:
     from omni_loop.experiment import ExperimentConfiguration, ExperimentLibrary
+
+Progress = Callable[[float, str], None]
+"""Function that receives the completed share, 0 to 1, and a short text."""
 
 
 @dataclass(frozen=True)
@@ -60,7 +63,7 @@ class Workspace:
         """Return the folder `out` for results; if it is None, a folder below ``results``."""
         return out or self.folder.joinpath("results", *parts)
 
-    def progress(self) -> AbstractContextManager[Callable[[float, str], None]]:
+    def progress(self) -> AbstractContextManager[Progress]:
         """Return a context manager that shows a progress bar, named after the command."""
         return progress_bar(self.program.split()[-1])
 
@@ -68,3 +71,77 @@ class Workspace:
 def workspace_folder() -> Path:
     """Return the workspace that the launcher has set; without the launcher, the current folder."""
     return Path(os.environ.get("OMNI_WORKSPACE", "."))
+
+
+@contextmanager
+def progress_bar(name: str) -> Iterator[Progress]:
+    """Show a progress bar on a terminal, or lines elsewhere, with the estimated time left.
+
+    Args:
+        name: name of the work.
+
+    Yields:
+        Function to be called with the completed share (0 to 1) and a text on the progress.
+    """
+    if not sys.stderr.isatty():
+        yield progress_lines(name)
+        return
+    from rich.console import Console
+    from rich.progress import Progress as Bar
+
+    with Bar(console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task(name, total=1.0, visible=False)
+
+        def report(share: float, words: str) -> None:
+            bar.update(task, completed=share, description=f"{name}: {words}", visible=True)
+
+        yield report
+
+
+@contextmanager
+def at_work(program: str, words: str, every: float = 5.0) -> Iterator[None]:
+    """Print every few seconds that a command of unknown duration is still running.
+
+    Args:
+        program: program name at the beginning of each line.
+        words: description of the work.
+        every: time between lines [s].
+    """
+    done = threading.Event()
+
+    def follow() -> None:
+        begun = time.monotonic()
+        while not done.wait(every):
+            print(f"{program}: {words}, {time.monotonic() - begun:.0f} s", file=sys.stderr)
+
+    thread = threading.Thread(target=follow, daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        done.set()
+        thread.join()
+
+
+def progress_lines(
+    name: str, clock: Callable[[], float] = time.monotonic, period: float = 5.0
+) -> Progress:
+    """Return a function that prints progress lines at intervals, with the estimated time left.
+
+    Args:
+        name: name at the beginning of each line.
+        clock: function that returns the time [s].
+        period: minimum interval [s]; later, the interval is at least a fifth of the elapsed time.
+    """
+    begun = last = clock()
+
+    def report(share: float, words: str) -> None:
+        nonlocal last
+        now = clock()
+        if now - last < max(period, 0.2 * (last - begun)):
+            return
+        last = now
+        left = f", about {(now - begun) * (1.0 / share - 1.0):.0f} s left" if share > 0.01 else ""
+        print(f"{name}: {100.0 * share:.0f} %, {words}{left}", file=sys.stderr, flush=True)
+
+    return report

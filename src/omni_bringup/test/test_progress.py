@@ -7,7 +7,7 @@ import threading
 
 import pytest
 
-from omni_bringup.progress_bar import at_work
+from omni_bringup.workspace import at_work
 
 
 class Listener(io.StringIO):

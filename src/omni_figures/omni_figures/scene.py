@@ -5,12 +5,16 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Mapping
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from omni_platform.geometry import PlatformGeometry, WheelMount
 from omni_platform.quantities import FloatArray
 from omni_sim.ground.friction import FrictionPatch
+
+if TYPE_CHECKING:
+    from omni_loop.experiment import ExperimentConfiguration
 
 # Drawn width of a wheel per diameter [1], because the configuration has no wheel width.
 _WHEEL_WIDTH = 0.45
@@ -60,6 +64,20 @@ class Scene:
     center_of_gravity: tuple[float, float] | None = None
     load: tuple[float, float] | None = None
     patches: tuple[GroundPatch, ...] = ()
+
+    @classmethod
+    def of(cls, configuration: ExperimentConfiguration) -> Scene:
+        """Return the vehicle and ground of an experiment."""
+        vehicle = configuration.vehicle
+        center = vehicle.masses.center
+        return cls(
+            chassis_length=vehicle.chassis_length,
+            chassis_width=vehicle.chassis_width,
+            wheels=vehicle.wheels,
+            center_of_gravity=(float(center[0]), float(center[1])),
+            load=(vehicle.load.x, vehicle.load.y) if vehicle.load.mass > 0.0 else None,
+            patches=tuple(map(GroundPatch.of, configuration.ground.patches.values())),
+        )
 
     @property
     def chassis(self) -> FloatArray:

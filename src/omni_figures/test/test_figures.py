@@ -21,7 +21,6 @@ from matplotlib.patches import FancyArrowPatch, Polygon
 from matplotlib.path import Path
 from matplotlib.text import Text
 
-from omni_figures.run_figures import scene_of
 from omni_figures.scene import GroundPatch, Scene, overlap, placed, rectangle
 from omni_figures.style import save_figure
 from omni_figures.time_series import time_series
@@ -299,7 +298,7 @@ def test_wheels_and_load_outside_the_chassis_are_in_the_picture(
 @pytest.mark.parametrize("vehicle", ["mecanum_forklift", "three_wheel_robot"])
 def test_the_chassis_of_each_vehicle_fits_its_wheels(vehicle: str) -> None:
     library = ExperimentLibrary(FilePath(__file__).resolve().parents[3] / "config")
-    drawn = scene_of(library.load("straight_line", "assisted", [f"vehicle={vehicle}"]))
+    drawn = Scene.of(library.load("straight_line", "assisted", [f"vehicle={vehicle}"]))
     half = np.array([drawn.chassis_length, drawn.chassis_width]) / 2.0
     for wheel, outline in zip(drawn.wheels.values(), drawn.wheel_outlines, strict=True):
         np.testing.assert_allclose(np.mean(outline, axis=0), (wheel.x, wheel.y), atol=1e-12)

@@ -77,7 +77,10 @@ def find_message_definition(
         MessageDefinitionError: the name is malformed, or the type is not installed.
     """
     folders = installation_prefixes() if prefixes is None else tuple(prefixes)
-    description = _read(type_name, ".json", folders)
+    try:
+        description = json.loads(_read(type_name, ".json", folders))
+    except ValueError as error:
+        raise MessageDefinitionError(f"{type_name}.json cannot be read: {error}") from None
     # The list of hashes names the type and all types that it contains.
     hashes = {entry["type_name"]: entry["hash_string"] for entry in description["type_hashes"]}
     texts = [_read(type_name, ".msg", folders)]
@@ -110,12 +113,11 @@ def _begins_with_time(current: Mapping[str, Any], nested: Mapping[str, Any]) -> 
     return True
 
 
-def _read(type_name: str, ending: str, prefixes: Iterable[Path]) -> Any:
-    """Return the text of a ``.msg`` file or the content of a ``.json`` file of a message type."""
+def _read(type_name: str, ending: str, prefixes: Iterable[Path]) -> str:
+    """Return the text of the ``.msg`` or ``.json`` file of a message type, with a final newline."""
     path = _find(type_name, ending, prefixes)
     try:
-        text = path.read_text(encoding="utf-8")
-        return json.loads(text) if ending == ".json" else text.removesuffix("\n") + "\n"
+        return path.read_text(encoding="utf-8").removesuffix("\n") + "\n"
     except (OSError, ValueError) as error:
         raise MessageDefinitionError(f"{type_name}: {path} cannot be read: {error}") from None
 

@@ -32,9 +32,8 @@ class Options(CommandOptions):
     """file of the page (default: report.html next to the first recording)"""
 
 
-def run(options: Options, _workspace: Workspace) -> Report:
+def run(options: Options, workspace: Workspace) -> Report:
     """Write the HTML page of the recordings."""
-    from omni_bringup.progress_bar import progress_bar
     from omni_loop.metrics import results_document
     from omni_tools.report.document import report_page
     from omni_tools.report.recording import read_reported_run, run_names, stops_apart
@@ -46,7 +45,7 @@ def run(options: Options, _workspace: Workspace) -> Report:
     runs: list[ReportedRun] = []
     seen: dict[str, bytes] = {}
     names = run_names(options.bags)
-    with progress_bar("report") as progress:
+    with workspace.progress() as progress:
         for place, (path, name) in enumerate(zip(options.bags, names, strict=True)):
             progress(place / len(names), name)
             whole = read_reported_run(path, name)

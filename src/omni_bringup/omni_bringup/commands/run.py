@@ -13,8 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from omni_bringup import command_report, interruption
-from omni_bringup.progress_bar import progress_bar
-from omni_bringup.workspace import Workspace
+from omni_bringup.workspace import Workspace, progress_bar
 from omni_loop.options import LoopOptions
 from omni_platform.command_options import CommandOptions, option
 from omni_platform.configuration import ConfigurationError, InputError, WorkError, check_choice
@@ -199,10 +198,16 @@ def _report(
     results: Sequence[VariantResult],
     folder: Path,
 ) -> command_report.Report:
-    """Draw the figures and return the report; a user's own law is named in the titles."""
+    """Draw the figures and return the report; a user's own law is named in the titles.
+
+    The figures are like Figures 24 and 31 of the dissertation.
+    """
     # Imported only after the run, because the import takes about a second.
-    from omni_figures.run_figures import draw_run_figures
+    from omni_figures.scene import Scene
+    from omni_figures.style import save_figure
     from omni_figures.tables.comparison_table import ComparisonTable
+    from omni_figures.time_series import time_series
+    from omni_figures.top_view import top_view
 
     titled: dict[str, VariantResult] = {}
     for result in results:
@@ -210,7 +215,12 @@ def _report(
         own = assist.enabled and ":" in assist.law
         titled[f"{result.variant} ({assist.law})" if own else result.variant] = result
     histories = {title: result.history for title, result in titled.items()}
-    pictures = draw_run_figures(configurations, histories, folder)
+    first = next(iter(configurations.values()))
+    figures = {
+        "top_view": top_view(Scene.of(first), histories, title=first.description),
+        "time_series": time_series(histories, title=first.description),
+    }
+    pictures = [save_figure(figure, folder / f"{name}.png") for name, figure in figures.items()]
     return command_report.Report(
         **_document(experiment, results),
         details={

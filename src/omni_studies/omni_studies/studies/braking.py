@@ -22,7 +22,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from omni_figures import style
-from omni_figures.run_figures import scene_of
+from omni_figures.scene import Scene
 from omni_figures.time_series import time_series, while_braking
 from omni_figures.top_view import top_view
 from omni_loop import compiled, loop
@@ -312,7 +312,7 @@ def _from_above(*variants: str) -> Drawing:
     def drawing(runs: ExperimentRuns) -> Figure:
         configuration = runs.configurations[variants[0]]
         histories = {variant: runs.histories[variant] for variant in variants}
-        return top_view(scene_of(configuration), histories, title=configuration.description)
+        return top_view(Scene.of(configuration), histories, title=configuration.description)
 
     return drawing
 

@@ -19,7 +19,6 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from omni_figures import style
-from omni_figures.run_figures import scene_of
 from omni_figures.scene import Scene
 from omni_figures.top_view import top_view
 from omni_loop.history import RunHistory
@@ -175,7 +174,7 @@ def run(options: Options, study: StudyRun) -> StudyResult:
         tracking = track(experiment.vehicle, maneuver, options.duration)
         title, snapshots, commands = _TITLES[name]
         words = f"{title}: spin while translating (as {snapshots})"
-        study.plot(f"snapshots_{name}", _draw_snapshots(scene_of(experiment), tracking, words))
+        study.plot(f"snapshots_{name}", _draw_snapshots(Scene.of(experiment), tracking, words))
         words = f"{title}: wheel speeds of the maneuver (as {commands}) and tracking error"
         study.plot(f"commands_{name}", _draw_commands(tracking, words))
         metrics |= _metrics(name, tracking)

@@ -27,7 +27,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from omni_figures import run_figures, style
+from omni_figures import style
 from omni_figures.scene import Scene
 from omni_figures.tables.comparison_table import in_small_units, metric_label, metric_number
 from omni_loop.history import RunHistory
@@ -85,7 +85,7 @@ def _run(run: recording.ReportedRun) -> dict[str, Any]:
     scene = None
     if run.configuration is not None:
         vehicle = run.configuration.vehicle
-        scene = _scene(run_figures.scene_of(run.configuration), history.wheel_names)
+        scene = _scene(Scene.of(run.configuration), history.wheel_names)
         columns["slip"] = rim_slips(vehicle, history)
         if len(run.configuration.ground.elevation.table()):
             notes.append("the ground is not flat, so the loads do not follow from the motion")

@@ -6,7 +6,13 @@ from typing import Any, NamedTuple
 
 from omni_loop.commented_yaml import commented_yaml
 from omni_platform.brakes import ON_OFF, TORQUE, TYPICAL, VELOCITY, BrakeConfiguration
-from omni_platform.configuration import Configuration, ConfigurationError, parameter, to_mapping
+from omni_platform.configuration import (
+    Configuration,
+    ConfigurationError,
+    declared_parameters,
+    parameter,
+    to_mapping,
+)
 from omni_sim.tire.tire import TireConfiguration
 from omni_sim.vehicle.loads import GRAVITY
 from omni_sim.wheel.roller_geometry import RollerConfiguration
@@ -238,12 +244,13 @@ def _rollers(largest_load: float, radius: float) -> dict[str, float]:
     """Return the default rollers, scaled to the largest load [N] and the radius [m] of a wheel."""
     usual, scale = RollerConfiguration(), radius / _USUAL.radius
     stiffer = _stiffer(largest_load, radius)
-    return {
-        "radius": _round(scale * usual.radius),
-        "inertia": max(_round(scale**5 * usual.inertia), 1e-7),
-        "stiffness": max(_round(stiffer * usual.stiffness), 1e3),
-        "damping": _round(stiffer * usual.damping),
-    }
+    return _permitted(
+        RollerConfiguration,
+        radius=scale * usual.radius,
+        inertia=scale**5 * usual.inertia,
+        stiffness=stiffer * usual.stiffness,
+        damping=stiffer * usual.damping,
+    )
 
 
 def tire_stiffness(largest_load: float, radius: float = _USUAL.radius) -> dict[str, float]:
@@ -254,11 +261,18 @@ def tire_stiffness(largest_load: float, radius: float = _USUAL.radius) -> dict[s
         radius: radius of the wheel [m].
     """
     table_1, stiffer = TireConfiguration(), _stiffer(largest_load, radius)
-    return {
-        "stiffness": max(_round(stiffer * table_1.stiffness), 1e3),
-        "damping": _round(stiffer * table_1.damping),
-        "vertical_stiffness": max(_round(stiffer * table_1.vertical_stiffness), 1e4),
-    }
+    return _permitted(
+        TireConfiguration,
+        stiffness=stiffer * table_1.stiffness,
+        damping=stiffer * table_1.damping,
+        vertical_stiffness=stiffer * table_1.vertical_stiffness,
+    )
+
+
+def _permitted(part: type[Configuration], **values: float) -> dict[str, float]:
+    """Return rounded values, raised to the lower limits of their parameters in `part`."""
+    limits = {name: info.minimum for name, _, info in declared_parameters(part)}
+    return {name: max(_round(value), limits[name] or 0.0) for name, value in values.items()}
 
 
 def _stiffer(largest_load: float, radius: float) -> float:
