@@ -277,7 +277,8 @@ def _case_in_words(case: tuple[str, str]) -> str:
 def _draw_orientations(comparisons: Comparisons) -> Figure:
     """Draw the orientation over time, with both sources of feedback in one panel for each case."""
     count = len(comparisons)
-    figure, panels = style.tiles("", count, min(count, 4), size=(3.45, 2.7))
+    title = "Orientation [deg] over the time since braking [s]"
+    figure, panels = style.tiles(title, count, min(count, 4), size=(3.45, 2.7))
     looks = {"sensor": (style.BLUE, 2.4), "optical": (style.VERMILLION, 1.2)}
     for axes, (case, runs) in zip(panels, comparisons.items(), strict=True):
         for feedback, history in runs.items():
@@ -287,8 +288,6 @@ def _draw_orientations(comparisons: Comparisons) -> Figure:
             time, label = history.braking_time[start:], _FEEDBACK[feedback]
             axes.plot(time, turned, color=color, linewidth=width, label=label)
         axes.set_title(_case_in_words(case))
-    figure.supxlabel("time since braking [s]")
-    figure.supylabel("orientation [deg]")
     style.legend_below(figure, 2)
     return figure
 
