@@ -264,7 +264,7 @@ def _draw_speeds(
     for sensor, speed in fastest.items():
         axes.axvline(speed, color=style.GRAY, linewidth=1.0)
         words, units = f"{sensor}: 60 %\noverlap", ("data", "axes fraction")
-        style.note(axes, words, (speed, 0.02), (-4, 0), xycoords=units, ha="right")
+        style.note(axes, words, (speed, 0.98), (-4, 0), xycoords=units, ha="right", va="top")
     speeds = [angles.speed for angles in next(iter(trials.values()))]
     axes.set_xticks(speeds, [f"{speed:g}" for speed in speeds])
     axes.minorticks_off()
