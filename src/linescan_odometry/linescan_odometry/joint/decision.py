@@ -75,7 +75,7 @@ def against_noise(rest: Remainder, layout: Layout) -> Remainder:
 
 
 @kernel
-def colored(products: Products, logs: Floats, taper: Floats, layout: Layout) -> float:
+def colored(logs: Floats, taper: Floats, layout: Layout) -> float:
     """Return the log-likelihood ratio of colored versus white differences of lines [nats].
 
     The differences of neighboring lines contain no fixed pattern. At rest, they contain only noise,
@@ -84,17 +84,14 @@ def colored(products: Products, logs: Floats, taper: Floats, layout: Layout) -> 
     the geometric mean of a spectrum divided by its arithmetic mean.
 
     Args:
-        products: correlations between the lines.
-        logs: logarithm of the gray levels, shape (m, n).
+        logs: logarithm of the gray levels, shape (m, n), without interpolated pixels, because
+            interpolation colors the noise.
         taper: factor of each pixel before the transform, shape (n,).
         layout: sizes of the batch.
     """
-    square = np.zeros(layout.pixels, np.float32)
-    for k in range(1, layout.lines):
-        new, old = logs[k], logs[k - 1]
-        for i in range(layout.pixels):
-            value = taper[i] * (new[i] - old[i])
-            square[i] += value * value
+    differences = logs[1:] - logs[:-1]
+    square = ((taper * differences) ** 2).sum(axis=0)
+    transformed = np.abs(spectra.spectra_of(differences, taper, layout.size)) ** 2
     # Effective number of pixels: the logarithm amplifies the noise of dark pixels, so the spectrum
     # may depend on a few dark pixels only.
     pixels = square.sum() ** 2 / max((square * square).sum(), 1e-12)
@@ -103,8 +100,7 @@ def colored(products: Products, logs: Floats, taper: Floats, layout: Layout) -> 
     edges, total, logarithm = spectra.bands(layout.size), 0.0, 0.0
     for b in range(len(edges) - 1):
         i, j = edges[b], edges[b + 1]
-        shared = spectra.sum_of(products.lagged[0, i:j].real)
-        power = max(spectra.sum_of(products.power[0, i:j]) - shared, 1e-9)
+        power = max(transformed[:, i:j].sum(), 1e-9)
         total += power
         logarithm += (j - i) * math.log(power / (j - i))
     count = edges[-1] - edges[0]

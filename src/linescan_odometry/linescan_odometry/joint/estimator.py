@@ -78,7 +78,8 @@ class _View(NamedTuple):
     """A batch of lines in the frequency domain, with the candidates for its displacement.
 
     Attributes:
-        logs: logarithm of the gray levels, shape (m, n).
+        recorded: logarithm of the gray levels, shape (m, n).
+        logs: the same logarithm after the interpolation of defective pixels, shape (m, n).
         spectra: spectra of `logs`, shape (m, F).
         products: correlations between the lines.
         known: spectrum of the fixed pattern before this batch, shape (F,).
@@ -87,6 +88,7 @@ class _View(NamedTuple):
             if the batch has few lines.
     """
 
+    recorded: spectra.Floats
     logs: spectra.Floats
     spectra: spectra.Spectrum
     products: candidates.Products
@@ -160,7 +162,8 @@ class JointEstimator:
         m, n = lines.shape
         layout = candidates.Layout(m, n, self._size, self._limit)
         table = self._tables[lines.itemsize]
-        estimate = _estimate(lines, table, self._camera, self.pattern, layout, last)
+        repaired = fixed_pattern.without_defects(lines)
+        estimate = _estimate(lines, repaired, table, self._camera, self.pattern, layout, last)
         self.pattern = estimate.pattern
         return estimate
 
@@ -170,6 +173,7 @@ class JointEstimator:
 @kernel
 def _estimate(
     lines: Lines,
+    repaired: Lines,
     table: spectra.Floats,
     camera: _Camera,
     pattern: fixed_pattern.FixedPattern,
@@ -180,20 +184,22 @@ def _estimate(
 
     Args:
         lines: gray levels, shape (m, n).
+        repaired: gray levels with interpolated defective pixels, shape (m, n).
         table: logarithm of each gray level.
         camera: constants of the camera.
         pattern: fixed pattern before this batch.
         layout: sizes of the batch.
         last: displacement per line in the previous batch [px]; NaN without a previous batch.
     """
-    logs = spectra.logarithms(lines, table)
+    logs = spectra.logarithms(repaired, table)
     transformed = spectra.spectra_of(logs, camera.taper, layout.size)
     products = candidates.correlate(transformed)
     known = fixed_pattern.shrink(pattern.information, pattern.precision)
     found = candidates.find(products, layout, known, camera.weight, last)
     removed = products.mean if layout.lines >= fixed_pattern.FEWEST_LINES else known
     remainder = decision.subtract(products, layout, removed)
-    view = _View(logs, transformed, products, known, found, remainder)
+    recorded = spectra.logarithms(lines, table)
+    view = _View(recorded, logs, transformed, products, known, found, remainder)
     d, moves, flaw = _choose(view, camera, layout, last)
     if flaw:
         return Estimate(d, math.inf, flaw, 0.0, view.logs, 0.0, pattern)
@@ -253,7 +259,7 @@ def _choose(
     if (
         len(static) > 0
         and (not moves or decision.turning(remainder, layout) < limit)
-        and decision.colored(view.products, view.logs, camera.taper, layout) < limit
+        and decision.colored(view.recorded, camera.taper, layout) < limit
     ):
         c = found[static[int(np.argmax(evidence[static]))]]
         rest = decision.subtract(view.products, layout, view.known)
@@ -369,7 +375,7 @@ class JointMethod:
 
     def measure(self, lines: Lines, plausibility: Plausibility, stamp_ns: int) -> Displacement:
         """Return the mean displacement per line in a batch; implements `sensor.Method.measure`."""
-        estimate = self.estimator.estimate(fixed_pattern.without_defects(lines), self._last)
+        estimate = self.estimator.estimate(lines, self._last)
         if estimate.reason:
             raise Unmeasured(estimate.reason, unmatched=True)
         if not plausibility.check(stamp_ns, np.array([estimate.value]))[0]:

@@ -3,7 +3,7 @@
 The optics blur every detail of the ground over several pixels. If a pixel differs from its
 neighbors both in the mean of a batch and in each line, it is defective, or a speck of dirt covers
 it. Such pixels are interpolated. At rest, some sharp features of the ground may also be
-interpolated, which does no harm.
+interpolated; the test of rest therefore uses the recorded pixels.
 
 The fixed pattern consists of dirt, unequal pixels, shading and mud, which change every line in the
 same way. For a given displacement, the posterior of the pattern is Gaussian at every frequency.

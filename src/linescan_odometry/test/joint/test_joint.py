@@ -392,6 +392,21 @@ def test_defective_pixels_are_interpolated_and_only_they(expose: Expose) -> None
     assert broken[0, 40] == 0  # the camera's buffer is not changed
 
 
+def test_sharp_features_do_not_prevent_the_detection_of_rest() -> None:
+    sensor = LineSensor(x=0.0, y=0.0, heading_deg=0.0, pixels=PIXELS, length=PITCH * PIXELS)
+    camera = SensorOdometry(sensor, _with_others(sensor))
+    generator, x = np.random.default_rng(1), np.arange(PIXELS) / PIXELS
+    phases = generator.uniform(0.0, 6.0, 9)
+    waves = (math.tau * k * x + phase for k, phase in enumerate(phases, 3))
+    ground = 128.0 + 6.0 * sum(map(np.cos, waves))
+    ground[generator.permutation(PIXELS)[: PIXELS // 4]] += 8.0
+    for stamp_ns in range(10**9, 10**9 + 30 * 10**7, 10**7):
+        noise = generator.normal(0.0, 2.0, (LINES - 1, PIXELS))
+        lines = np.rint(ground + noise).clip(0, 255).astype(np.uint8)
+        assert without_defects(lines) is not lines
+        assert camera.update(LineBatch(stamp_ns, lines)).reason == ""
+
+
 def test_frozen_and_empty_lines_are_refused(expose: Expose) -> None:
     sensor = LineSensor(x=0.0, y=0.0, heading_deg=0.0, pixels=PIXELS, length=PITCH * PIXELS)
     camera = SensorOdometry(sensor, _with_others(sensor))
