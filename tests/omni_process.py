@@ -62,6 +62,22 @@ def omni_here(arguments: Sequence[str]) -> subprocess.CompletedProcess[str]:
 
 
 @contextlib.contextmanager
+def run_process(folder: Path, *words: str) -> Iterator[subprocess.Popen[str]]:
+    """Run ``omni run`` with its results in a folder; kill it at the end of the ``with`` block."""
+    process = subprocess.Popen(
+        omni_command(["run", *words, "--out", str(folder)]),
+        env=omni_environment(),
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    try:
+        yield process
+    finally:
+        process.kill()
+        process.wait()
+
+
+@contextlib.contextmanager
 def drive_process(recording: Path | None = None) -> Iterator[subprocess.Popen[str]]:
     """Run ``omni drive`` without cameras; it prints its address, and may record to a folder."""
     plain = ["--set", "feedback=velocity_sensor", "--set", "simulation.render_lines=false"]

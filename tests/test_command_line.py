@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import resource
 import signal
-import subprocess
 from pathlib import Path
 
 import pytest
@@ -13,24 +12,18 @@ from omni_process import (
     RUN_TIMEOUT,
     WORKSPACE,
     node_processes,
-    omni_command,
-    omni_environment,
     omni_here,
     processes_of,
     recorded_bytes,
+    run_process,
     wait_until,
 )
 from rosbags.highlevel import AnyReader
 
 from omni_bringup.cli import main
 
-
-def started(folder: Path, *words: str) -> subprocess.Popen[str]:
-    """Start a run that brakes so late that it does not end before a busy machine disturbs it."""
-    arguments = ["run", "--set", "maneuver.brake_time=20", "--out", str(folder), *words]
-    return subprocess.Popen(
-        omni_command(arguments), env=omni_environment(), stderr=subprocess.PIPE, text=True
-    )
+# The run brakes so late that it does not end before a busy machine disturbs it.
+LATE = ("--set", "maneuver.brake_time=20")
 
 
 @pytest.mark.parametrize(
@@ -104,8 +97,7 @@ def test_interrupt_ends_every_process(
     moment: str, number: signal.Signals, code: int, tmp_path: Path
 ) -> None:
     folder = tmp_path / "out"
-    process = started(folder, "--variant=assisted")
-    try:
+    with run_process(folder, *LATE, "--variant=assisted") as process:
         if moment == "recording":
             wait_until(lambda: recorded_bytes(folder) > 2_000_000)
         else:
@@ -116,9 +108,6 @@ def test_interrupt_ends_every_process(
         # The process that forks the nodes notices the end of the one that started it.
         wait_until(lambda: not node_processes(process.pid))
         assert "Traceback" not in (process.stderr.read() if process.stderr else "")
-    finally:
-        process.kill()
-        process.wait()
     if moment == "recording":
         with AnyReader([folder / "assisted"]) as reader:
             assert reader.topics["/clock"].msgcount > 10
@@ -139,35 +128,31 @@ def test_a_vehicle_that_rolls_on_under_the_pedal_is_a_failed_run(tmp_path: Path)
 def test_an_interrupt_before_anything_has_started(moment: str, tmp_path: Path) -> None:
     # The launcher blocks the signals when it hands over; the new process inherits that.
     blocked = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
-    try:
-        process = started(tmp_path / "out")
-    finally:
+    with run_process(tmp_path / "out", *LATE) as process:
         signal.pthread_sigmask(signal.SIG_SETMASK, blocked)
-    if moment == "importing":
-        libraries = Path(f"/proc/{process.pid}/maps")
-        wait_until(lambda: "_multiarray_umath" in libraries.read_text())
-    process.send_signal(signal.SIGINT)
-    _, errors = process.communicate(timeout=RUN_TIMEOUT)
+        if moment == "importing":
+            libraries = Path(f"/proc/{process.pid}/maps")
+            wait_until(lambda: "_multiarray_umath" in libraries.read_text())
+        process.send_signal(signal.SIGINT)
+        _, errors = process.communicate(timeout=RUN_TIMEOUT)
     assert (process.returncode, errors) == (130, "interrupted\n")
     assert not (tmp_path / "out").exists()
 
 
 def test_nodes_end_with_a_killed_bring_up(tmp_path: Path) -> None:
-    process = started(tmp_path / "out")
-    wait_until(lambda: recorded_bytes(tmp_path / "out") > 0)
-    # Those of two variants, and the process that forks them.
-    wait_until(lambda: len(node_processes(process.pid)) == 9)
-    os.kill(process.pid, signal.SIGKILL)
-    process.wait()
+    with run_process(tmp_path / "out", *LATE) as process:
+        wait_until(lambda: recorded_bytes(tmp_path / "out") > 0)
+        # Those of two variants, and the process that forks them.
+        wait_until(lambda: len(node_processes(process.pid)) == 9)
     wait_until(lambda: not node_processes(process.pid))
 
 
 def test_a_full_disk_ends_the_run_and_leaves_a_readable_bag(tmp_path: Path) -> None:
     folder = tmp_path / "out"
-    process = started(folder, "--variant=assisted")
-    # Every write beyond this size fails, as on a full disk; the nodes inherit it.
-    resource.prlimit(process.pid, resource.RLIMIT_FSIZE, (3_000_000, 3_000_000))
-    _, words = process.communicate(timeout=RUN_TIMEOUT)
+    with run_process(folder, *LATE, "--variant=assisted") as process:
+        # Every write beyond this size fails, as on a full disk; the nodes inherit it.
+        resource.prlimit(process.pid, resource.RLIMIT_FSIZE, (3_000_000, 3_000_000))
+        _, words = process.communicate(timeout=RUN_TIMEOUT)
     assert process.returncode == 1
     assert f"recorder ended (exit code 1): cannot record to {folder / 'assisted'}: " in words
     assert "Traceback" not in words
@@ -177,12 +162,12 @@ def test_a_full_disk_ends_the_run_and_leaves_a_readable_bag(tmp_path: Path) -> N
 
 def test_a_node_that_dies_ends_the_run_by_name(tmp_path: Path) -> None:
     folder = tmp_path / "out"
-    process = started(folder, "--variant=assisted")
-    wait_until(lambda: recorded_bytes(folder) > 1_000_000)
-    for pid in processes_of("omni_brake_assist", process.pid):
-        os.kill(pid, signal.SIGKILL)
-    assert process.wait(RUN_TIMEOUT) == 1
-    words = process.stderr.read() if process.stderr else ""
+    with run_process(folder, *LATE, "--variant=assisted") as process:
+        wait_until(lambda: recorded_bytes(folder) > 1_000_000)
+        for pid in processes_of("omni_brake_assist", process.pid):
+            os.kill(pid, signal.SIGKILL)
+        _, words = process.communicate(timeout=RUN_TIMEOUT)
+    assert process.returncode == 1
     assert "brake_assist ended (signal 9)" in words
     wait_until(lambda: not node_processes(process.pid))
     with AnyReader([folder / "assisted"]) as reader:

@@ -6,7 +6,6 @@ import json
 import os
 import re
 import signal
-import subprocess
 from pathlib import Path
 
 import numpy as np
@@ -14,22 +13,21 @@ import pytest
 from omni_process import (
     RUN_TIMEOUT,
     omni,
-    omni_command,
-    omni_environment,
     processes_of,
     recorded_bytes,
+    run_process,
     wait_until,
 )
 
 from omni_loop.metrics import run_metrics
 from omni_loop.recorded_run import read_run
 
-REAL_TIME = ["run", "--variant", "assisted", "--real-time", "--json"]
+REAL_TIME = ["--variant", "assisted", "--real-time", "--json"]
 REAL_TIME += ["--set", "sensors=three_coarse"]  # a busy machine matches these lines in time
 
 
 def test_the_steps_are_never_ahead_of_the_clock(tmp_path: Path) -> None:
-    finished = omni([*REAL_TIME, "--out", str(tmp_path / "run")])
+    finished = omni(["run", *REAL_TIME, "--out", str(tmp_path / "run")])
     assert finished.returncode == 0, finished.stderr
     metrics = json.loads(finished.stdout)["metrics"]
     assert metrics["real_time_factor.assisted"]["value"] < 1.02
@@ -50,21 +48,12 @@ def test_the_steps_are_never_ahead_of_the_clock(tmp_path: Path) -> None:
 def test_a_hung_assistant_puts_all_brakes_on(tmp_path: Path) -> None:
     """The vehicle then brakes without the assistant: it rotates but stops; an error is reported."""
     folder = tmp_path / "run"
-    process = subprocess.Popen(
-        omni_command([*REAL_TIME, "--set", "maneuver.brake_time=6", "--out", str(folder)]),
-        env=omni_environment(),
-        stderr=subprocess.PIPE,
-        text=True,
-    )
-    try:
+    with run_process(folder, *REAL_TIME, "--set", "maneuver.brake_time=6") as process:
         # Some seconds before it brakes, as this process may have to wait for a busy machine.
         wait_until(lambda: recorded_bytes(folder) > 2_000_000 or process.poll() is not None)
         (assistant,) = processes_of("omni_brake_assist", process.pid)
         os.kill(assistant, signal.SIGSTOP)
         _, complaint = process.communicate(timeout=RUN_TIMEOUT)
-    finally:
-        process.kill()
-        process.wait()
     assert process.returncode == 1
     # The process group or the simulator, whichever is first, reports the halted node.
     assert re.search("brake_assist (was halted by a signal|published nothing for)", complaint)

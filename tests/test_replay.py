@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import os
 import signal
-import subprocess
 import time
 from pathlib import Path
 
@@ -14,11 +13,10 @@ from omni_process import (
     WORKSPACE,
     node_processes,
     omni,
-    omni_command,
-    omni_environment,
     omni_here,
     processes_of,
     recorded_bytes,
+    run_process,
     wait_until,
 )
 from rosbags.highlevel import AnyReader
@@ -68,20 +66,11 @@ def test_the_rate_is_that_of_the_recording_on_request(tmp_path: Path) -> None:
 def test_a_killed_recording_is_recovered_replayed_and_reported(tmp_path: Path) -> None:
     folder = tmp_path / "out"
     bag = folder / "assisted"
-    process = subprocess.Popen(
-        omni_command(["run", "--variant", "assisted", "--out", str(folder)]),
-        env=omni_environment(),
-        stderr=subprocess.PIPE,
-        text=True,
-    )
-    try:
+    with run_process(folder, "--variant", "assisted") as process:
         wait_until(lambda: recorded_bytes(folder) > 4_000_000)
         (recorder,) = processes_of("omni_recording", process.pid)
         os.kill(recorder, signal.SIGKILL)
         _, words = process.communicate(timeout=RUN_TIMEOUT)
-    finally:
-        process.kill()
-        process.wait()
     assert process.returncode == 1
     assert "recorder ended (signal 9)" in words
     assert f"what was recorded is in {folder}" in words

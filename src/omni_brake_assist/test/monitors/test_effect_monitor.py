@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from omni_brake_assist.configuration import BrakeAssistConfiguration
 from omni_brake_assist.monitors.effect_monitor import (
@@ -13,7 +12,6 @@ from omni_brake_assist.monitors.effect_monitor import (
 )
 from omni_platform.brakes import BrakeConfiguration
 from omni_platform.geometry import PlatformGeometry, WheelMount
-from omni_platform.quantities import FloatArray
 
 RELEASED = "brakes released when they should act"
 DT = 0.01
@@ -21,18 +19,6 @@ WHEELS = 4
 START = 5.0
 """Speed of the rims when the pedal goes down [m/s]."""
 UNKNOWN = np.full(2, np.nan)
-
-
-def watch(
-    constants: EffectConstants,
-    ledger: NDArray[np.void],
-    dt: float,
-    pedal: float,
-    released: bool,
-    speeds: FloatArray,
-    force: FloatArray,
-) -> bool:
-    return bool(watch_effect(constants, ledger, dt, pedal, released, speeds, force))
 
 
 @pytest.fixture
@@ -70,7 +56,7 @@ def trip_time(
     """
     ledger, speed = effect_memory(), START
     roll = np.where(np.arange(constants.roll.size) < rolls, 1.0, 0.0) / constants.roll
-    watch(constants, ledger, DT, 0.0, False, speed / constants.roll, UNKNOWN)
+    watch_effect(constants, ledger, DT, 0.0, False, speed / constants.roll, UNKNOWN)
     for step in range(1, 3000):
         late = step * DT > 0.5
         loss = later if late else first
@@ -78,7 +64,7 @@ def trip_time(
         if speed <= 0.0:
             break
         force = np.array([-loss, 0.0]) if imu else UNKNOWN
-        if watch(constants, ledger, DT, pedal[late], released, speed * roll, force):
+        if watch_effect(constants, ledger, DT, pedal[late], released, speed * roll, force):
             return step * DT
     return np.inf
 
@@ -202,20 +188,20 @@ def test_brakes_are_not_released_for_longer_than_a_modest_stop_lasts(
 def test_once_exceeded_it_holds_until_the_pedal_is_released(constants: EffectConstants) -> None:
     ledger, speeds = effect_memory(), START / constants.roll
     still, rest = np.zeros(2), 0.0 * speeds
-    watch(constants, ledger, DT, 0.0, False, speeds, still)
-    detected = [watch(constants, ledger, DT, 1.0, True, speeds, still) for _ in range(200)]
+    watch_effect(constants, ledger, DT, 0.0, False, speeds, still)
+    detected = [watch_effect(constants, ledger, DT, 1.0, True, speeds, still) for _ in range(200)]
     assert detected[-1]
-    assert watch(constants, ledger, DT, 1.0, False, rest, still)
-    assert not watch(constants, ledger, DT, 0.0, False, rest, still)
-    assert not watch(constants, ledger, DT, 1.0, True, rest, still)
+    assert watch_effect(constants, ledger, DT, 1.0, False, rest, still)
+    assert not watch_effect(constants, ledger, DT, 0.0, False, rest, still)
+    assert not watch_effect(constants, ledger, DT, 1.0, True, rest, still)
 
 
 def test_sensors_without_a_number_cannot_hide_a_vehicle_that_rolls(
     constants: EffectConstants,
 ) -> None:
     ledger, none = effect_memory(), np.full(WHEELS, np.nan)
-    watch(constants, ledger, DT, 0.0, False, START / constants.roll, UNKNOWN)
-    detected = [watch(constants, ledger, DT, 1.0, True, none, UNKNOWN) for _ in range(100)]
+    watch_effect(constants, ledger, DT, 0.0, False, START / constants.roll, UNKNOWN)
+    detected = [watch_effect(constants, ledger, DT, 1.0, True, none, UNKNOWN) for _ in range(100)]
     assert any(detected)
 
 
@@ -223,13 +209,13 @@ def test_one_encoder_that_reads_nonsense_does_not_end_an_assisted_stop(
     constants: EffectConstants,
 ) -> None:
     ledger, speed = effect_memory(), START
-    watch(constants, ledger, DT, 0.0, False, speed / constants.roll, UNKNOWN)
+    watch_effect(constants, ledger, DT, 0.0, False, speed / constants.roll, UNKNOWN)
     for value in (np.nan, np.inf, 1e9) * 30:
         speed -= 4.0 * DT
         speeds = speed / constants.roll
         speeds[2] = value
         force = np.array([-4.0, 0.0])
-        assert not watch(constants, ledger, DT, 1.0, True, speeds, force)
+        assert not watch_effect(constants, ledger, DT, 1.0, True, speeds, force)
 
 
 @pytest.mark.safety(
@@ -243,8 +229,8 @@ def test_a_scale_error_of_all_encoders_does_not_hide_an_unbraked_vehicle(
     constants: EffectConstants, scale: float, within: float
 ) -> None:
     ledger, speed, time = effect_memory(), START, 0.0
-    watch(constants, ledger, DT, 0.0, False, START / constants.roll, np.zeros(2))
-    while not watch(
+    watch_effect(constants, ledger, DT, 0.0, False, START / constants.roll, np.zeros(2))
+    while not watch_effect(
         constants, ledger, DT, 1.0, True, scale * speed / constants.roll, np.array([-0.5, 0.0])
     ):
         speed, time = speed - 0.5 * DT, time + DT
