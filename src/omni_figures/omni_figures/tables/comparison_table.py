@@ -42,12 +42,12 @@ class ComparisonTable:
         left = list(self.metrics_by_variant)
         while left:
             # Use the widest table that fits: first with all variants, then with headings that wrap
-            # between the parts of names, then anywhere, then with fewer variants.
-            for count, wraps in itertools.product(range(len(left), 0, -1), range(3)):
+            # between the parts of names, then with fewer variants.
+            for count, wraps in itertools.product(range(len(left), 0, -1), (False, True)):
                 shown = {name: self.metrics_by_variant[name] for name in left[:count]}
                 table = _table(shown, title, wraps)
                 needed = console.measure(table, options=options.update(width=10_000))
-                if (needed.maximum if wraps == 1 else needed.minimum) <= options.max_width:
+                if needed.minimum <= options.max_width:
                     break
             yield table
             title = None
@@ -55,14 +55,14 @@ class ComparisonTable:
 
 
 def _table(
-    metrics_by_variant: Mapping[str, Mapping[str, Metric]], title: str | None, wraps: int
+    metrics_by_variant: Mapping[str, Mapping[str, Metric]], title: str | None, wraps: bool
 ) -> Table:
     """Return a table in which only the first column may become narrower.
 
     Args:
         metrics_by_variant: results, keyed by variant, in the order of the columns.
         title: title above the table; None for no title.
-        wraps: where headings may wrap: 0 nowhere, 1 between the parts of names, 2 anywhere.
+        wraps: whether headings wrap between the parts of names.
     """
     table = Table(
         title=None if title is None else Text(title),
@@ -83,8 +83,7 @@ def _table(
     for place, variant in enumerate(metrics_by_variant):
         cells = [_cell(entries[place]).plain for _, entries in rows.values()]
         parts = [part for cell in cells for part in _BEFORE_REFERENCE.split(cell)]
-        names = _NAME_PART.findall(variant)
-        whole = ((variant, *cells), (*names, *parts), parts)[wraps]
+        whole = (*_NAME_PART.findall(variant), *parts) if wraps else (variant, *cells)
         width = max(map(len, whole), default=1)
         heading = _wrapped(variant, width)
         table.add_column(heading, justify="right", overflow="fold", width=width)
