@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from linescan_odometry.configuration import OdometryConfiguration
+from linescan_odometry.joint import candidates, decision
 from linescan_odometry.joint.estimator import JointEstimator
 from linescan_odometry.joint.fit import _moved
 from linescan_odometry.joint.fixed_pattern import prior, without_defects
@@ -390,6 +391,24 @@ def test_defective_pixels_are_interpolated_and_only_they(expose: Expose) -> None
     others = np.setdiff1d(np.arange(PIXELS), [40, 100, 101])
     assert np.array_equal(mended[:, others], sound[:, others])
     assert broken[0, 40] == 0  # the camera's buffer is not changed
+
+
+@pytest.mark.parametrize("displacement", [0.0, 3.0, -5.0])
+def test_the_variance_due_to_rivals_is_that_of_equally_likely_displacements(
+    displacement: float,
+) -> None:
+    shape = candidates.SPACINGS, 256
+    lagged, power = np.ones(shape, np.complex64), np.ones(shape, np.float32)  # lines at rest
+    rest, layout = decision.Remainder(lagged, power, power), candidates.Layout(26, 512, 1024, 256)
+    away = np.arange(-candidates.APART, candidates.APART + 1.0)
+    differences = np.array([-displacement, *away])
+    equal = decision.scatter(rest, layout, displacement, (math.inf, 0.0))
+    assert equal == pytest.approx(np.mean(differences**2))
+    assert decision.scatter(rest, layout, displacement, (0.0, 0.0)) == 0.0
+    # From 3 px, the search finds 2 to -3 px, which are at least as near to rest; then rest itself.
+    differences = np.array([0.0, -3.0, -1.0, -2.0, -3.0, -4.0, -5.0, -6.0])
+    variance = decision.scatter(rest, layout, 3.0, (1e-3, 0.0))
+    assert variance == pytest.approx(np.mean(differences**2))
 
 
 def test_sharp_features_do_not_prevent_the_detection_of_rest() -> None:

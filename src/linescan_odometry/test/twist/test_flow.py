@@ -77,6 +77,20 @@ def test_the_covariance_is_that_of_the_errors(calibrated: bool) -> None:
     assert np.mean(normalized) == pytest.approx(3.0, rel=0.1)  # mean of chi-square, 3 dof
 
 
+def test_a_scale_and_an_axis_error_are_common_to_both_velocities_of_a_flow_sensor() -> None:
+    flows = only("front", "left", scale_error=0.02, heading_error_deg=3.0, lever_error=0.05)
+    matrix, noise = sensor_matrix(flows), 1e-6 * np.eye(4)
+    velocity, expected = matrix @ TWIST, noise.copy()
+    for i in (0, 2):
+        v, w = velocity[i : i + 2]
+        scale, turn = 0.02 * np.array((v, w)), np.radians(3.0) * np.array((w, -v))
+        common = np.outer(scale, scale) + np.outer(turn, turn)
+        expected[i : i + 2, i : i + 2] += common + np.eye(2) * (0.05 * TWIST[2]) ** 2
+    _, covariance = TwistSolver(flows, 0.02).solve(velocity, noise, (True, True))
+    inverse = matrix.T @ np.linalg.solve(expected, matrix)
+    np.testing.assert_allclose(covariance, np.linalg.inv(inverse), rtol=1e-9)
+
+
 def test_a_flow_sensor_of_independent_errors_is_two_cameras() -> None:
     flows = only("front", "left", "right")
     cameras = {

@@ -78,6 +78,29 @@ def test_a_ground_that_comes_again_is_not_oblique(speed: float, repeat: float) -
     assert all(reading.measured for reading in readings_over(ground, steady(speed)))
 
 
+@pytest.mark.parametrize(("elapsed_ns", "covered"), [(19_000_000, True), (21_000_000, False)])
+@pytest.mark.parametrize("twist", [(1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.8, -0.6, 0.0)])
+def test_a_view_is_covered_if_it_stops_faster_than_with_50_m_s2(
+    elapsed_ns: int, covered: bool, twist: tuple[float, float, float]
+) -> None:
+    views = UnsuitableViews({"eye": CAMERA})
+    views.unsuitable(10**9, {}, np.array(twist))
+    reading = SensorReading(0.0, 1e-6, 1.0, 1.0, True)
+    static = dataclasses.replace(reading, static_time=0.01)
+    assert bool(views.stopped(10**9 + elapsed_ns, {"eye": static})) == covered
+    assert not views.stopped(10**9 + elapsed_ns, {"eye": reading})
+
+
+def test_the_path_across_the_axis_is_the_integral_of_the_velocity() -> None:
+    views = UnsuitableViews({"eye": CAMERA})
+    oblique = SensorReading(0.0, 1e-6, 1.0, 1.0, True)
+    oblique = dataclasses.replace(oblique, reference_age=0.04, persistence=1.0)
+    for stamp_ns, speed in ((10, 7.0), (20, 0.5), (30, 0.7), (40, 0.9), (50, 1.1)):
+        reading = {} if stamp_ns < 50 else {"eye": oblique}
+        found = views.unsuitable(stamp_ns * 10**6, reading, np.array((3.0, speed, 0.0)))
+    assert found["eye"].reason.endswith("after 32 mm across the axis")
+
+
 def test_rocking_to_and_fro_is_no_path_across() -> None:
     # A vehicle that has stopped rocks on its tires: 6 mm to either side, 24 mm a period.
     way = 0.006 * np.sin(2.0 * np.pi * 2.5 * np.arange(40 * BATCH + 1) / RATE)

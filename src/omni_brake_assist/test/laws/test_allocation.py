@@ -11,6 +11,7 @@ from omni_brake_assist.laws import allocation
 from omni_brake_assist.laws.allocation_state import Constants, Memory
 from omni_brake_assist.laws.box_least_squares import box_least_squares, new_box
 from omni_brake_assist.laws.law import ASSIST, NO_HELP, Motion
+from omni_brake_assist.laws.observers import observe_body
 from omni_brake_assist.laws.slip_control import control_slip
 from omni_brake_assist.laws.wheel_model import (
     BrakedWheel,
@@ -118,6 +119,19 @@ def test_brakes_that_are_all_alike_act_alike(mecanum: Wheels) -> None:
     assert np.all(error < 0.0)  # wheels that roll are below their slip
 
 
+@pytest.mark.parametrize("nominal", [0.0, 0.04])
+def test_brakes_without_effect_delay_the_law_by_at_most_150_ms(
+    mecanum: Wheels, nominal: float
+) -> None:
+    law, memory = _law(mecanum)
+    law = law._replace(brake=law.brake._replace(dead_time=nominal))
+    for step in range(40):
+        motion = _motion(5.0, 25.0, 4, first=step == 0)
+        allocation.step(law, memory, motion, np.zeros(4), np.zeros(4))
+    assert memory.body["responded"]
+    assert memory.body["dead_time"] == pytest.approx([nominal + 0.15], abs=0.0101)
+
+
 def test_a_wheel_that_locks_is_let_go(mecanum: Wheels) -> None:
     law, memory = _law(mecanum)
     error, enable = np.zeros(4), np.zeros(4)
@@ -128,6 +142,31 @@ def test_a_wheel_that_locks_is_let_go(mecanum: Wheels) -> None:
         allocation.step(law, memory, motion, error, enable)
     assert enable[2] < 0.5 * min(enable[0], enable[3])  # wheel 1 balances the yaw moment
     assert error[2] > 0.0
+
+
+@pytest.mark.parametrize("turn", [0.0, -2.0])
+@pytest.mark.parametrize("pushed", [False, True])
+def test_disturbances_are_the_accelerations_that_friction_does_not_explain(
+    mecanum: Wheels, turn: float, pushed: bool
+) -> None:
+    law, memory = _law(mecanum)
+    body, wheel, dt, mass = memory.body[0], memory.wheel, 0.01, 800.0
+    wheel["sign"], wheel["measured"] = (1.0, -1.0, 1.0, 1.0), (900.0, 400.0, 0.0, 1700.0)
+    f_x, f_y, moment = -(wheel["sign"] * wheel["measured"]) @ law.active
+    v_x, v_y, yaw_rate, across = 5.0, -2.0, 0.6, (-0.6, 0.8)
+    # The push reflects the acceleration, so the acceleration keeps its magnitude.
+    push = -2.0 * (f_x * across[0] + f_y * across[1]) / mass * pushed
+    a_x, a_y = f_x / mass + push * across[0], f_y / mass + push * across[1]
+    turned = moment / (mass * law.gyration**2) + turn
+    # The axes of the body rotate, so its velocity also changes without acceleration.
+    change = np.array((a_x + yaw_rate * v_y, a_y - yaw_rate * v_x, turned)) * dt
+    body["dt"], body["heading"], body["twist"] = dt, 0.2, (v_x, v_y, yaw_rate) - change
+    body["deceleration"], body["force"] = math.hypot(a_x, a_y), math.hypot(f_x, f_y)
+    observe_body(law, memory, Motion(False, dt, v_x, v_y, yaw_rate, *across, 1.0, np.zeros(4)))
+    share = 1.0 - math.exp(-dt / (2.0 * law.observer_time))
+    assert body["yaw_disturbance"] == pytest.approx(share * turn, abs=1e-9)
+    assert body["lateral_disturbance"] == pytest.approx(share * push, abs=1e-9)
+    assert body["heading"] == pytest.approx(0.2 + (yaw_rate - 0.5 * change[2]) * dt)
 
 
 @pytest.mark.parametrize(
