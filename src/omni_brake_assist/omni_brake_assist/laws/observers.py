@@ -81,9 +81,9 @@ def observe_friction(law: Constants, memory: Memory) -> None:
     its encoder may have been faulty before it was isolated. This capacity limits its force.
     """
     dt = memory.body[0].dt
-    gain, capacity = 1.0 - math.exp(-dt / law.observer_time), memory.wheel["capacity"]
-    capacity *= memory.wheel["known"]
-    largest = capacity[capacity.argmax()]
+    gain, largest = 1.0 - math.exp(-dt / law.observer_time), 0.0
+    for wheel in memory.wheel:
+        largest = max(largest, wheel.capacity * wheel.known)
     for i, wheel in enumerate(memory.wheel):
         change = wheel.speed - wheel.last_speed
         wheel.measured = max(wheel.mean_brake + law.wheel_mass[i] * change / dt, 0.0)

@@ -66,5 +66,5 @@ def control_slip(law: Constants, memory: Memory, motion: Motion, enable: FloatAr
         pattern = best_pattern(memory)
         for i in range(enable.size):
             enable[i] = 1.0 if memory.wheel[i].fixed else (pattern >> i) & 1
-    if enable.sum() <= 0.0:
+    if not enable.any():
         enable[share[: enable.size].argmax()] = max(law.brake.pressure_step, _LEAST_ENABLE)
