@@ -309,10 +309,11 @@ class ExperimentLibrary:
             kind: configuration folder that usually contains such files, such as ``vehicles``.
             name: folder made by ``./omni new-vehicle``, or another name or path.
         """
-        file = Path(name) / _IN_FOLDER.get(kind, "")
-        known = name.endswith(".yaml") or name in self.parts(kind)
+        if kind not in _IN_FOLDER or name.endswith(".yaml"):
+            return name
+        file = Path(name) / _IN_FOLDER[kind]
         # Unlike a path's is_file(), isfile() accepts names that are too long.
-        return name if known or kind not in _IN_FOLDER or not isfile(file) else str(file)
+        return str(file) if isfile(file) and name not in self.parts(kind) else name
 
     def _read(self, kind: str, name: str, key: str) -> dict[str, Any]:
         name = self.located(kind, name)

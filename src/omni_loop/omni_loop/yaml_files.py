@@ -3,6 +3,7 @@
 The layers are nested mappings, which come from files and overrides.
 """
 
+import functools
 import re
 from collections.abc import Iterable, Mapping
 from pathlib import Path
@@ -45,8 +46,12 @@ _Loader.add_implicit_resolver(
 )
 
 
+@functools.lru_cache(maxsize=100)
 def load_yaml(text: str) -> Any:
     """Return the content of a YAML text; texts such as 1e-3 are read as numbers.
+
+    The content is kept for the next call with the same text, because sweeps read the same files
+    again and again; callers must not change it.
 
     Raises:
         yaml.YAMLError: the text is not YAML.

@@ -234,6 +234,7 @@ def join_key(parent: str, key: str) -> str:
     return ".".join(part for part in (parent, key) if part)
 
 
+@functools.cache
 def element_configuration(kind: Any) -> type[Configuration] | None:
     """Return the configuration class of a ``Mapping[str, Configuration]``; None for other types."""
     if typing.get_origin(kind) is Mapping:
@@ -243,6 +244,7 @@ def element_configuration(kind: Any) -> type[Configuration] | None:
     return None
 
 
+@functools.cache
 def without_none(kind: Any) -> Any:
     """Return the type ``X`` of a field declared as ``X | None``; return other types unchanged."""
     members = typing.get_args(kind) if isinstance(kind, types.UnionType) else ()
