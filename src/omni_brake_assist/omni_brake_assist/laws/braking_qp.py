@@ -21,10 +21,10 @@ from omni_platform.kernels import lean
 
 DECELERATION, YAW, SIDE = range(3)
 _SPREAD = 1e-3  # weight of the squared forces; it distributes a force equally to equal wheels [1]
-# Weight of heading and line of motion after a brake has failed, as a share of `deviation_weight`
-# [1]. The other brakes can keep heading and line of motion only with less deceleration. Half of the
-# default weight reduces the rotation without making stops much longer than with all brakes on
-# (`study faults`, with weights from 0.4 to 2).
+# Weight of the heading after a brake has failed, as a share of `deviation_weight` [1]. The other
+# brakes can keep heading and line of motion only with less deceleration. Half of the default weight
+# reduces the rotation without making stops much longer than with all brakes on (`study faults`,
+# with weights from 0.4 to 2). After a failure, the line of motion has no weight.
 _FAILED_SHARE = 0.5
 _ROUNDING = 20.0  # weight of the quadratic part of the costs near zero [1]
 
@@ -63,8 +63,9 @@ def allocate(law: Constants, memory: Memory, motion: Motion) -> None:
     qp.goals[DECELERATION] = 1.0
     qp.goals[YAW] = -turn * law.gyration * per
     qp.goals[SIDE] = -(drift / (CASCADE * time) + body.lateral_disturbance) * per
-    share = 1.0 if motion.failed_brake == NO_WHEEL else _FAILED_SHARE
-    qp.linear[n:] = 0.5 * share * law.deviation_weight
+    qp.linear[n:] = 0.5 * law.deviation_weight
+    if motion.failed_brake != NO_WHEEL:
+        qp.linear[n : n + 2], qp.linear[n + 2 :] = _FAILED_SHARE * qp.linear[n], 0.0
     for i, wheel in enumerate(memory.wheel):
         unit = wheel.sign * wheel.capacity / total
         along = law.active[i, 0] * motion.v_x + law.active[i, 1] * motion.v_y
