@@ -41,6 +41,7 @@ class Drive:
         )
         self.kinematics, self.place = PlatformKinematics(wheels), place
         self.memory = bank.bank_memory(len(wheels))
+        self.heading = 0.0  # of the body at the start [rad]
         self.imu_lost = 1000  # step from which on no IMU reading is received
         self.variance = 1e-6  # of each component of the twist [square of its unit]
         self.answers: list[FloatArray] = []
@@ -49,7 +50,7 @@ class Drive:
     def truth(self, step: float) -> tuple[FloatArray, float, float]:
         """Return the body twist, the yaw and the deceleration at a step."""
         time = max(step - PEDAL, 0.0) * PERIOD_NS / 1e9
-        speed, yaw = START - BRAKE * time, 0.5 * TURN * time**2
+        speed, yaw = START - BRAKE * time, self.heading + 0.5 * TURN * time**2
         rate = TURN * time
         twist = np.array([speed * math.cos(yaw), -speed * math.sin(yaw), rate])
         return twist, yaw, BRAKE if step > PEDAL else 0.0
@@ -126,7 +127,9 @@ def drive(mecanum: dict[str, WheelMount], request: pytest.FixtureRequest) -> Dri
     return Drive(mecanum, request.param)
 
 
-def test_fault_free_sensors_are_all_used(drive: Drive) -> None:
+@pytest.mark.parametrize("heading", [0.0, 1.6, 3.1])
+def test_fault_free_sensors_are_all_used(drive: Drive, heading: float) -> None:
+    drive.heading = heading
     drive.run(200)
     assert set(drive.chosen) == {bank.ALL}
     assert drive.error == pytest.approx(0.0, abs=0.01)

@@ -184,6 +184,20 @@ def test_a_locked_wheel_is_released_if_less_than_half_of_its_capacity_is_demande
     assert (enable[0] == 0.0) == released
 
 
+def test_at_the_target_slip_the_brake_holds_the_friction_capacity(mecanum: Wheels) -> None:
+    law, memory = _law(mecanum)
+    enable, motion = np.zeros(4), _motion(5.0, 20.0, 4, first=True)
+    allocation.step(law, memory, motion, np.zeros(4), enable)
+    memory.body["deceleration"], memory.qp.solution[:4] = 0.0, 1.0
+    memory.wheel["capacity"] = memory.wheel["force"] = memory.wheel["brake"] = 2000.0
+    for slower in (0.0, 0.1):
+        memory.wheel["speed"] = memory.wheel["hub"] / (1.0 + law.peak_slip) - slower
+        control_slip(law, memory, motion, enable)
+        # The rim returns to the target within half of the observer's time constant.
+        need = 2000.0 - law.wheel_mass * slower / (0.5 * law.observer_time)
+        assert enable == pytest.approx(need / law.most)
+
+
 @pytest.mark.parametrize("pressure_step", [0.0, 0.25])
 def test_of_locked_wheels_all_but_one_are_released(mecanum: Wheels, pressure_step: float) -> None:
     law, memory = _law(mecanum, pressure_step)

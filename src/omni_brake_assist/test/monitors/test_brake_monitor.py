@@ -48,12 +48,13 @@ def found(
     *,
     pedal: float = 1.0,
     duration: float = 1.0,
+    twist: tuple[float, float, float] = TWIST,
 ) -> tuple[int, float]:
     """Return which brake is reported as failed, and when, if the rims slip by these shares."""
     memory = brake_memory(len(enables))
-    wheels = BrakedWheels(enables, (1.0 - slips) * rolling(constants, TWIST), 0.0)
+    wheels = BrakedWheels(enables, (1.0 - slips) * rolling(constants, twist), 0.0)
     for step in range(1, round(duration / DT)):
-        wheel = watch_brakes(constants, memory, DT, pedal, wheels, TWIST)
+        wheel = watch_brakes(constants, memory, DT, pedal, wheels, twist)
         if wheel != NO_WHEEL:
             return int(wheel), step * DT
     return NO_WHEEL, np.inf
@@ -68,12 +69,17 @@ def found(
 )
 @pytest.mark.parametrize("brake", [BrakeConfiguration(), LAG])
 @pytest.mark.parametrize("dead", range(4))
+@pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_a_brake_whose_wheel_keeps_rolling_has_failed(
-    configuration: BrakeAssistConfiguration, brake: BrakeConfiguration, dead: int, within: float
+    configuration: BrakeAssistConfiguration,
+    brake: BrakeConfiguration,
+    dead: int,
+    sign: float,
+    within: float,
 ) -> None:
     constants = constants_of(dataclasses.replace(configuration, brake=brake))
-    slips = np.where(np.arange(4) == dead, 0.01, 0.3)
-    wheel, time = found(constants, slips, np.ones(4))
+    slips, twist = np.where(np.arange(4) == dead, 0.01, 0.3), tuple(sign * np.array(TWIST))
+    wheel, time = found(constants, slips, np.ones(4), twist=twist)
     assert wheel == dead
     assert time <= within
 

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from omni_sim.tire.combined_slip import combined_forces, slip_norms
-from omni_sim.tire.models.tmeasy import TMeasyConfiguration, curve_of
+from omni_sim.tire.models.tmeasy import TMeasyConfiguration, curve_of, curve_through
 from omni_sim.tire.tire import Tire, TireConfiguration
 
 TABLE_1 = TMeasyConfiguration()
@@ -85,6 +85,14 @@ def test_work_against_the_slip_is_never_negative() -> None:
     slip = random.normal(0.0, 0.5, (2, 1000))
     force = combined_forces(TABLE_1, slip[0], slip[1], random.uniform(0.0, 6000.0, 1000))
     assert np.all(force[:, 0] * slip[0] + force[:, 1] * slip[1] >= 0.0)
+
+
+def test_slips_are_normalized_by_the_peaks_and_by_their_linear_extension() -> None:
+    # The straight lines with the initial slopes reach the peak forces at slips of 0.04 and 0.12.
+    x = curve_through(1000.0 / 0.04, 0.1, 1000.0, 0.5, 900.0)
+    y = curve_through(600.0 / 0.12, 0.3, 600.0, 0.8, 500.0)
+    assert slip_norms(x, y) == pytest.approx((0.25 + 0.25, 0.75 + 0.75))
+    assert slip_norms(x, y._replace(peak_force=0.0)) == (1.0, 1.0)
 
 
 def test_overload_and_no_load() -> None:
