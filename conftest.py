@@ -19,6 +19,8 @@ import pytest
 
 from omni_ros.start import start_lightly
 
+start_lightly()  # before tests/conftest.py imports numpy and numba
+
 ROOT = Path(__file__).parent
 SOURCES = ROOT / "src"
 DURATIONS = ROOT / "tests" / "durations.json"
@@ -40,8 +42,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Speed up imports, and measure the tests if this is requested."""
-    start_lightly()
+    """Measure the tests if this is requested."""
     if config.getoption("--store-durations"):
         config.pluginmanager.register(_Stopwatch())
 
