@@ -291,8 +291,8 @@ def _draw_stops(groups: dict[str, list[Stop]]) -> Figure:
         for value, draw in ((limit.distance, axes.axvline), (limit.rotation, axes.axhline)):
             if value is not None:
                 draw(value, color=style.GRAY, linewidth=0.8, linestyle="--")
-        axes.set_title(group)
-        axes.legend(loc="lower right", fontsize="x-small")
+        axes.set_title(group.replace("_", " "))
+        axes.legend(loc="best", fontsize="x-small")
     figure.supxlabel("distance / reference distance [1]")
     figure.supylabel("rotation beyond the reference [deg]")
     return figure
