@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import time
 from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
@@ -11,7 +12,7 @@ import numpy as np
 import pytest
 import rclpy
 from bystander import Bystander
-from diagnostic_msgs.msg import DiagnosticArray
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import TwistWithCovarianceStamped
 from omni_process import WORKSPACE
 from rcl_interfaces.msg import SetParametersResult
@@ -51,6 +52,7 @@ class Vehicle(Bystander):
         self.enables: list[JointState] = []
         self.states: list[str] = []
         self.texts: list[str] = []
+        self.levels: list[bytes] = []
         self.node.create_subscription(JointState, "brake/enable", self.enables.append, RELIABLE)
         self.errors: list[JointState] = []
         self.node.create_subscription(
@@ -62,6 +64,7 @@ class Vehicle(Bystander):
     def _on_state(self, message: DiagnosticArray) -> None:
         self.states += [v.value for v in message.status[0].values if v.key == "state"]
         self.texts.append(message.status[0].message)
+        self.levels.append(message.status[0].level)
 
     def description(self) -> str:
         return f"states so far: {self.states}"
@@ -134,9 +137,10 @@ def vehicle(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Vehicle]
 
 @contextmanager
 def running(
-    configuration: ExperimentConfiguration, folder: Path, *, lockstep: bool
+    configuration: ExperimentConfiguration, folder: Path, *arguments: str, lockstep: bool
 ) -> Iterator[Vehicle]:
     process = graph.Nodes(configuration, folder, lockstep=lockstep).brake_assist()
+    process = dataclasses.replace(process, arguments=(*process.arguments, *arguments))
     with reserved_domain() as domain, ProcessGroup(node_environment(domain)) as group:
         group.start(process)
         with closing(Vehicle(domain, tuple(configuration.vehicle.wheels))) as vehicle:
@@ -278,6 +282,16 @@ def test_the_running_assistant_can_be_switched_and_tuned_while_the_pedal_is_up(
     for name, unfit in (("k", 8), ("weighting", "none"), ("speed_threshold", -1.0)):
         assert not vehicle.set_parameter(name, unfit).successful
     vehicle.swerve_until_assisted()
+
+
+def test_a_warning_about_the_source_of_the_twist_is_reported_from_the_start(tmp_path: Path) -> None:
+    given = "-p", "feedback_warning:=more harm than good"
+    with running(WITHOUT_WHEELS, tmp_path, *given, lockstep=False) as vehicle:
+        vehicle.wait(lambda: vehicle.texts)
+        assert vehicle.texts[-1] == "no pedal yet: all brakes on; more harm than good"
+        vehicle.swerve_until_assisted()
+        assert vehicle.texts[-1].endswith("; more harm than good")
+        assert vehicle.levels[-1] == DiagnosticStatus.WARN
 
 
 def test_encoders_and_an_imu_assist_without_any_twist(tmp_path: Path) -> None:

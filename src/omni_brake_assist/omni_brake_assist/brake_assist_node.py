@@ -96,10 +96,9 @@ class BrakeAssistNode(Node):
         timing = declare_configuration(self, TimingConfiguration)
         self._lockstep = timing.lockstep
         self._demand_timeout = timing.demand_timeout
-        self._warning = {}
         if timing.feedback_warning:
-            self._warning = {"feedback_warning": timing.feedback_warning}
             self.get_logger().warning(timing.feedback_warning)
+        self._warning = timing.feedback_warning
         configuration = declare_configuration(self, BrakeAssistConfiguration, {_SWITCH, *TUNABLE})
         self._assist = BrakeAssist(configuration)
         self._rejections = RejectionTimers()
@@ -122,8 +121,9 @@ class BrakeAssistNode(Node):
             topic.name: advertise(self, topic) for topic in (topics.ENABLE, topics.SLIDING)
         }
         self._test_ratios = advertise(self, topics.TEST_RATIOS)
+        words = "; ".join(filter(None, ["no pedal yet: all brakes on", self._warning]))
         self._status = StatusReporter(
-            self, Status(AssistState.NO_DEMAND.level, "no pedal yet: all brakes on", _NOTHING_YET)
+            self, Status(AssistState.NO_DEMAND.level, words, _NOTHING_YET)
         )
         self.outputs = tuple(self._decisions.values())
         # In lockstep no message may be lost. In real time only the newest message is used.
@@ -251,13 +251,14 @@ class BrakeAssistNode(Node):
         level, words = summary(decision, sources)
         if self._upwards is not None and (problem := upwards_problem(self._upwards)):
             level, words = max(level, WARNING), f"{words}; {': '.join(problem)}"
+        if self._warning:
+            level, words = max(level, WARNING), f"{words}; {self._warning}"
         status = Status(
             level,
             words,
             {
                 "state": decision.state.value,
                 "fault": fault.value if fault else "",
-                **self._warning,
                 **{
                     f"test_ratio.{source.name}": f"{source.test_ratio:.3g} {source.words}"
                     for source in sources
