@@ -306,7 +306,11 @@ def _experiment(name: str, measured: Measured) -> str:
             "ground": "cork",
             "sensors": "sensors.yaml",
             "maneuver": {"speed": speed, "brake_time": 0.3},
-            "brake_assist": {"weighting": "enhanced", "k": 7},
+            "brake_assist": {
+                "weighting": "enhanced",
+                "k": 7,
+                "nominal_mass": _round(measured.mass + measured.load),
+            },
             "variants": {
                 "unassisted": {"brake_assist": {"enabled": False}},
                 "assisted": {"brake_assist": {"enabled": True}},

@@ -47,6 +47,7 @@ def test_estimates_fit_together(name: str, tmp_path: Path) -> None:
     facts = wheel_facts(experiment.vehicle)
     weight = (measured.mass + measured.load) * 9.81
     assert sum(fact.load for fact in facts.values()) == pytest.approx(weight, rel=1e-3)
+    assert 9.81 * experiment.brake_assist.nominal_mass == pytest.approx(weight)
     for fact in facts.values():
         assert fact.brake_force > fact.grip > 0.5 * fact.load
     # The rollers are a part of the wheel.
