@@ -10,8 +10,9 @@ from omni_brake_assist.configuration import BrakeAssistConfiguration
 from omni_brake_assist.laws import allocation
 from omni_brake_assist.laws.allocation_state import Constants, Memory
 from omni_brake_assist.laws.box_least_squares import box_least_squares, new_box
+from omni_brake_assist.laws.braking_qp import SIDE, allocate
 from omni_brake_assist.laws.law import ASSIST, NO_HELP, Motion
-from omni_brake_assist.laws.observers import observe_body
+from omni_brake_assist.laws.observers import observe_body, observe_friction
 from omni_brake_assist.laws.slip_control import control_slip
 from omni_brake_assist.laws.wheel_model import (
     BrakedWheel,
@@ -182,6 +183,39 @@ def test_a_locked_wheel_is_released_if_less_than_half_of_its_capacity_is_demande
     memory.wheel["force"] = (share if spin > 0.0 else 1.0) * memory.wheel["capacity"]
     control_slip(law, memory, motion, enable)
     assert (enable[0] == 0.0) == released
+
+
+@pytest.mark.parametrize("drift", [0.0, 0.5, -0.3])
+@pytest.mark.parametrize("direction", [0.0, 0.5, 2.0])
+def test_only_the_velocity_across_the_line_demands_a_lateral_force(
+    mecanum: Wheels, direction: float, drift: float
+) -> None:
+    law, memory = _law(mecanum)
+    allocation.step(law, memory, _motion(5.0, 25.0, 4, first=True), np.zeros(4), np.zeros(4))
+    memory.body["force"], memory.body["deceleration"] = 4000.0, 5.0
+    memory.body["lateral_disturbance"] = 0.0
+    c, s = math.cos(direction), math.sin(direction)
+    v_x, v_y = 5.0 * c - drift * s, 5.0 * s + drift * c
+    allocate(law, memory, Motion(False, 0.01, v_x, v_y, 0.0, -s, c, 1.0, np.zeros(4)))
+    allowed = law.max_rotation * math.hypot(5.0, drift)
+    per = 4000.0 / 5.0 / memory.wheel["capacity"].sum()
+    time = max(4.0 * law.observer_time, law.return_share * math.hypot(5.0, drift) * per)
+    excess = math.copysign(max(abs(drift) - allowed, 0.0), drift)
+    assert memory.qp.goals[SIDE] == pytest.approx(-excess / (2.0 * time) * per, abs=1e-12)
+
+
+@pytest.mark.parametrize(("demanded", "grows"), [(1.0, True), (0.9, False)])
+def test_a_capacity_that_is_fully_demanded_grows_slowly(
+    mecanum: Wheels, demanded: float, grows: bool
+) -> None:
+    law, memory = _law(mecanum)
+    memory.body["dt"], memory.qp.solution[:4], wheel = 0.01, demanded, memory.wheel
+    wheel["known"], wheel["hub"], wheel["speed"], wheel["last_speed"] = True, 5.0, 5.0, 5.0
+    wheel["mean_brake"] = wheel["force"] = 1000.0
+    wheel["capacity"] = 3000.0
+    observe_friction(law, memory)
+    share = 0.01 / (16.0 * law.observer_time) * grows
+    assert wheel["capacity"] == pytest.approx(3000.0 * (1.0 + share))
 
 
 def test_at_the_target_slip_the_brake_holds_the_friction_capacity(mecanum: Wheels) -> None:

@@ -19,6 +19,7 @@ WHEELS = 4
 START = 5.0
 """Speed of the rims when the pedal goes down [m/s]."""
 UNKNOWN = np.full(2, np.nan)
+DIRECTION = {False: np.nan, True: 0.0}  # of the motion, without and with an IMU [rad]
 
 
 @pytest.fixture
@@ -39,7 +40,7 @@ def trip_time(
     later: float,
     *,
     pedal: tuple[float, float] = (1.0, 1.0),
-    imu: bool = True,
+    direction: float = 0.0,
     released: bool = True,
     rolls: int = WHEELS,
 ) -> float:
@@ -50,7 +51,7 @@ def trip_time(
         first: loss of speed during the first half second [m/s^2].
         later: loss of speed from then on [m/s^2].
         pedal: position of the pedal in both phases [1].
-        imu: whether the vehicle has an IMU.
+        direction: direction of motion that the IMU measures [rad]; NaN without an IMU.
         released: whether a brake is released.
         rolls: number of wheels that roll; the others are locked.
     """
@@ -63,7 +64,7 @@ def trip_time(
         speed -= loss * DT
         if speed <= 0.0:
             break
-        force = np.array([-loss, 0.0]) if imu else UNKNOWN
+        force = -loss * np.array([np.cos(direction), np.sin(direction)])
         if watch_effect(constants, ledger, DT, pedal[late], released, speed * roll, force):
             return step * DT
     return np.inf
@@ -74,11 +75,20 @@ def trip_time(
 def test_a_steady_stop_is_left_alone_whatever_its_brakes_do(
     constants: EffectConstants, imu: bool, loss: float
 ) -> None:
-    assert trip_time(constants, loss, loss, imu=imu) == np.inf
+    assert trip_time(constants, loss, loss, direction=DIRECTION[imu]) == np.inf
+
+
+@pytest.mark.parametrize("direction", [1.6, 2.5, -1.0])
+def test_the_effect_is_the_same_in_every_direction(
+    constants: EffectConstants, direction: float
+) -> None:
+    for first, later in ((0.0, 0.0), (6.0, 0.5), (6.0, 6.0)):
+        ahead = trip_time(constants, first, later)
+        assert trip_time(constants, first, later, direction=direction) == ahead
 
 
 def test_one_braked_wheel_of_three_has_enough_effect(kiwi: dict[str, WheelMount]) -> None:
-    assert trip_time(lagging(kiwi, 0.0), 1.0, 1.0, imu=False) == np.inf
+    assert trip_time(lagging(kiwi, 0.0), 1.0, 1.0, direction=np.nan) == np.inf
 
 
 @pytest.mark.safety(
@@ -92,7 +102,7 @@ def test_a_vehicle_that_rolls_unbraked_is_braked(
     constants: EffectConstants, imu: bool, within: float
 ) -> None:
     allowed = (constants.creep + constants.allowance * START) / START
-    found = trip_time(constants, 0.0, 0.0, imu=imu)
+    found = trip_time(constants, 0.0, 0.0, direction=DIRECTION[imu])
     assert found == pytest.approx(allowed, abs=2 * DT)
     assert found <= within
 
@@ -101,8 +111,10 @@ def test_a_vehicle_that_rolls_unbraked_is_braked(
 def test_a_known_dead_time_of_the_brakes_is_no_missing_effect(
     mecanum: dict[str, WheelMount], constants: EffectConstants, imu: bool
 ) -> None:
-    later = trip_time(lagging(mecanum, 0.2), 0.0, 0.0, imu=imu)
-    assert later == pytest.approx(trip_time(constants, 0.0, 0.0, imu=imu) + 0.2, abs=2 * DT)
+    later = trip_time(lagging(mecanum, 0.2), 0.0, 0.0, direction=DIRECTION[imu])
+    assert later == pytest.approx(
+        trip_time(constants, 0.0, 0.0, direction=DIRECTION[imu]) + 0.2, abs=2 * DT
+    )
 
 
 @pytest.mark.parametrize(
@@ -131,7 +143,7 @@ def test_a_known_dead_time_of_the_brakes_is_no_missing_effect(
 def test_a_vehicle_that_stops_losing_speed_is_braked(
     constants: EffectConstants, imu: bool, within: float
 ) -> None:
-    assert trip_time(constants, 4.0, 0.3, imu=imu) - 0.5 <= within
+    assert trip_time(constants, 4.0, 0.3, direction=DIRECTION[imu]) - 0.5 <= within
 
 
 def test_one_wheel_that_rolls_is_enough_to_detect_it(constants: EffectConstants) -> None:
@@ -165,7 +177,7 @@ def test_a_vehicle_that_keeps_rolling_at_the_end_of_a_stop_is_braked(
     constants: EffectConstants, imu: bool, within: float
 ) -> None:
     # It loses speed from 5 to 0.5 m/s within half a second, and rolls on from there.
-    assert trip_time(constants, 9.0, 0.05, imu=imu) - 0.5 <= within
+    assert trip_time(constants, 9.0, 0.05, direction=DIRECTION[imu]) - 0.5 <= within
 
 
 def test_brakes_that_act_never_trip_the_monitor(constants: EffectConstants) -> None:

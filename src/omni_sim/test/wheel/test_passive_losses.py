@@ -161,6 +161,20 @@ def test_energy_lost_is_the_work_of_the_losses(forklift: VehicleConfiguration) -
     assert np.max(np.diff(energies)) < 1e-6 * start
 
 
+def test_rollers_that_turn_without_resistance_lose_no_energy(
+    forklift: VehicleConfiguration,
+) -> None:
+    vehicle = Vehicle(
+        losing(forklift, PassiveLossConfiguration(roller_mass=50.0)), twist=(2.0, 1.0, 1.5)
+    )
+    energies = []
+    for _ in range(40):
+        vehicle.advance(50, 1.0, OFF, NO_COMMAND)
+        rollers = 0.5 * 0.5 * 50.0 * float(np.sum(roller_speed(vehicle) ** 2))
+        energies.append(kinetic_energy(vehicle) + vehicle.energies.elastic + rollers)
+    assert np.ptp(energies) < 2e-3 * energies[0]  # deflecting tires lose a little
+
+
 def test_coasting_vehicle_comes_to_rest_sideways_and_stays(forklift: VehicleConfiguration) -> None:
     losses = PassiveLossConfiguration(rolling_resistance=0.02, roller_mass=5.0)
     vehicle = Vehicle(losing(forklift, losses), twist=(0.0, 0.2, 0.0))
