@@ -169,6 +169,17 @@ def test_proportional_brakes_follow_the_demand_of_the_pedal_and_the_shares() -> 
         rest.until(1.0, 1.0)
 
 
+def test_a_bool_demands_full_braking() -> None:
+    with vehicle(True, kind="proportional", pedal="bool", estop=False) as rest:
+        pedal = rest.node.create_publisher(Bool, "pedal_input", RELIABLE)
+        demand = Bool(data=True)
+        rest.node.create_timer(0.01, lambda: pedal.publish(demand))
+        rest.enables = (0.5, 1.0)
+        rest.until(0.5, 1.0)
+        demand.data = False
+        rest.until(0.0, 0.0)
+
+
 def test_a_stamped_command_of_zero_brakes() -> None:
     with vehicle(True, kind="torque", max_torque=8.0, pedal="twist_stamped") as rest:
         rest.node.destroy_publisher(rest.twist)  # a topic has one type

@@ -3,26 +3,33 @@
 from __future__ import annotations
 
 from contextlib import closing
+from typing import Any
 
 import numpy as np
+import pytest
 from bystander import Bystander, node_process
 from diagnostic_msgs.msg import DiagnosticArray
-from geometry_msgs.msg import TwistWithCovarianceStamped
+from geometry_msgs.msg import TwistStamped, TwistWithCovarianceStamped
 from nav_msgs.msg import Odometry
 
 from omni_bringup.graph.domain import reserved_domain
-from omni_ros.messages import planar_odometry, planar_twist_of
+from omni_ros.messages import (
+    planar_odometry,
+    planar_twist,
+    planar_twist_of,
+    planar_twist_with_covariance,
+)
 from omni_ros.qos import BEST_EFFORT, RELIABLE
 
 TWIST = np.array([1.2, -0.3, 0.5])
 
 
 class Vehicle(Bystander):
-    """An odometry that publishes with best effort, and a subscriber like the assistant."""
+    """A source that publishes with best effort, and a subscriber like the assistant."""
 
-    def __init__(self, domain: int) -> None:
+    def __init__(self, domain: int, kind: type[Any] = Odometry, topic: str = "input") -> None:
         super().__init__("vehicle", domain)
-        self.source = self.node.create_publisher(Odometry, "input", BEST_EFFORT)
+        self.source = self.node.create_publisher(kind, topic, BEST_EFFORT)
         self.twists: list[TwistWithCovarianceStamped] = []
         self.status = ""
         listen = self.node.create_subscription
@@ -37,8 +44,12 @@ class Vehicle(Bystander):
     def _step(self) -> None:
         now_ns = self.node.get_clock().now().nanoseconds
         zeros = np.zeros((3, 3))
-        message = planar_odometry(now_ns, np.zeros(3), zeros, self.value, zeros)
+        message: Any = planar_odometry(now_ns, np.zeros(3), zeros, self.value, zeros)
         message.child_frame_id = self.frame
+        if self.source.msg_type is TwistStamped:
+            message = planar_twist(now_ns, self.value)
+        elif self.source.msg_type is TwistWithCovarianceStamped:
+            message = planar_twist_with_covariance(now_ns, self.value, 0.04 * np.eye(3))
         self.source.publish(message)
 
     def description(self) -> str:
@@ -63,3 +74,25 @@ def test_an_odometry_without_covariance_gets_the_one_that_is_configured() -> Non
         vehicle.twists.clear()
         vehicle.catch_up(lambda: len(vehicle.twists))
         assert not vehicle.twists
+
+
+@pytest.mark.parametrize(
+    ("kind", "words", "deviations"),
+    [
+        (TwistStamped, ("twist_stamped", "-p", "deviation:=[0.1, 0.1, 0.2]"), (0.1, 0.1, 0.2)),
+        (TwistWithCovarianceStamped, ("twist_with_covariance",), (0.2, 0.2, 0.2)),
+    ],
+)
+def test_a_twist_of_another_type_passes_with_its_covariance_or_the_configured_one(
+    kind: type[Any], words: tuple[str, ...], deviations: tuple[float, ...]
+) -> None:
+    node = "-m", "omni_vehicle.twist_adapter_node", "--ros-args", "-r", "input:=radar/twist"
+    with (
+        reserved_domain() as domain,
+        node_process(domain, *node, "-p", f"input_type:={words[0]}", *words[1:]),
+        closing(Vehicle(domain, kind, "radar/twist")) as vehicle,
+    ):
+        vehicle.wait(lambda: vehicle.twists)
+        twist, covariance = planar_twist_of(vehicle.twists[-1])
+    np.testing.assert_array_equal(twist, TWIST)
+    np.testing.assert_allclose(np.sqrt(np.diag(covariance)), deviations)
