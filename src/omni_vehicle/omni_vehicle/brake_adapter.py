@@ -71,6 +71,19 @@ class WheelDemand:
     drive: FloatArray
 
 
+def is_silent(age: float, timeout: float, period: float) -> bool:
+    """Return whether this step must react to an input that no longer sends.
+
+    The step reacts if the timeout may have passed at the next step.
+
+    Args:
+        age: time since the last message [s].
+        timeout: longest time without a message and without a reaction [s].
+        period: time between two steps [s]; it should be at most half of the timeout.
+    """
+    return age > timeout - min(period, 0.5 * timeout)
+
+
 class BrakeAdapter:
     """Converts brake enables to commands for one kind of brake or motor drive."""
 

@@ -26,6 +26,7 @@ from omni_ros.process import run_process, spin_until_stopped
 from omni_ros.publisher_guard import PublisherGuard
 from omni_ros.qos import RECENT, advertise, subscribe
 from omni_ros.status import ERROR, OK, Status, StatusReporter, steady_clock
+from omni_vehicle import brake_adapter
 from omni_vehicle.brake_adapter import BrakeAdapter, BrakeAdapterConfiguration, WheelDemand
 
 _ARRAY, _BOOL = "std_msgs/msg/Float64MultiArray", "std_msgs/msg/Bool"
@@ -150,7 +151,8 @@ class BrakeAdapterNode(Node):
         self._received["estop"] = time.monotonic()
 
     def _silent(self, name: str, timeout: float) -> bool:
-        return time.monotonic() - self._received.get(name, -math.inf) > timeout
+        age = time.monotonic() - self._received.get(name, -math.inf)
+        return brake_adapter.is_silent(age, timeout, self._topics.period)
 
     def _demand(self) -> tuple[WheelDemand, str]:
         """Return the inputs of the brake adapter, and a description of problems (empty if none).

@@ -15,6 +15,7 @@ from omni_vehicle.brake_adapter import (
     BrakeAdapter,
     BrakeAdapterConfiguration,
     WheelDemand,
+    is_silent,
 )
 
 WHEELS = ("front_left", "front_right", "rear_left", "rear_right")
@@ -30,6 +31,15 @@ def demand(
 ) -> WheelDemand:
     rows = (np.broadcast_to(np.asarray(v, np.float64), 4).copy() for v in (enable, speed, drive))
     return WheelDemand(pedal, *rows)
+
+
+@pytest.mark.parametrize("period", [0.001, 0.01, 0.025])
+def test_the_brakes_are_on_when_the_timeout_has_passed(period: float) -> None:
+    timeout = 0.05
+    for phase in np.linspace(0.0, period, 11):  # time from the last message to the next step
+        ages = phase + period * np.arange(100)
+        reaction = next(age for age in ages if is_silent(age, timeout, period))
+        assert timeout - 2.0 * period - 1e-9 <= reaction <= timeout + 1e-9
 
 
 @pytest.mark.parametrize("pedal", [math.nan, -1.0, 2.0, math.inf, 1.0])
