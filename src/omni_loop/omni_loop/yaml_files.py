@@ -1,9 +1,10 @@
-"""Reading of configuration files and values in YAML, and the layers of an experiment.
+"""Reading and writing of configuration files in YAML, and the layers of an experiment.
 
 The layers are nested mappings, which come from files and overrides.
 """
 
 import functools
+import math
 import re
 from collections.abc import Iterable, Mapping
 from pathlib import Path
@@ -14,6 +15,9 @@ import yaml
 from omni_platform.configuration import ConfigurationError, join_key
 from omni_platform.text_files import read_text
 from omni_recording.safe_yaml import LARGEST_YAML, SafeLoader
+
+_NO_NOTES: Mapping[str, str] = {}
+_LONGEST = 110  # limit on the number of characters of a mapping or list on one line
 
 
 class _Loader(SafeLoader):
@@ -178,3 +182,38 @@ def set_default(tree: dict[str, Any], node: str, name: str, truth: Any) -> None:
     configured = tree.get(node, {})
     if isinstance(configured, Mapping) and truth is not None:
         tree[node] = merge({name: truth}, configured)
+
+
+def commented_yaml(
+    values: Mapping[str, Any], heading: str = "", notes: Mapping[str, str] = _NO_NOTES
+) -> str:
+    """Return values as YAML text; short mappings and lists without notes are on one line.
+
+    Args:
+        values: nested mappings, lists and scalars.
+        heading: comment before the values, one or more lines.
+        notes: comment for the end of a line, keyed by the dotted key on this line.
+    """
+    comment = [f"# {line}" for line in heading.splitlines()]
+    return "\n".join([*comment, *_lines(values, notes, "")]) + "\n"
+
+
+def _lines(values: Mapping[str, Any], notes: Mapping[str, str], prefix: str) -> list[str]:
+    lines = []
+    for name, value in values.items():
+        key, inner = f"{prefix}{name}", []
+        first = yaml.safe_dump(
+            {name: value}, sort_keys=False, default_flow_style=True, width=math.inf
+        )[1:-2]
+        if isinstance(value, Mapping) and (
+            len(first) > _LONGEST
+            or any(isinstance(part, Mapping) for part in value.values())
+            or any(noted.startswith(f"{key}.") for noted in notes)
+        ):
+            first = f"{name}:"
+            inner = [f"  {line}" for line in _lines(value, notes, f"{key}.")]
+        elif isinstance(value, list) and len(first) > _LONGEST:
+            first = f"{name}:"
+            inner = [f"  {line}" for line in yaml.safe_dump(value).splitlines()]
+        lines += [f"{first} # {notes[key]}" if key in notes else first, *inner]
+    return lines

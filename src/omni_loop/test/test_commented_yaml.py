@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import yaml
 
-from omni_loop.commented_yaml import commented_yaml
+from omni_loop.yaml_files import commented_yaml
 
 VALUES = {
     "body": {"mass": 300.0, "height": 1e-7},

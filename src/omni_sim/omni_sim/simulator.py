@@ -12,7 +12,7 @@ import numpy as np
 from omni_platform import quantities, signals
 from omni_platform.geometry import turned
 from omni_sim import flow_sensor, measurement
-from omni_sim.camera import batches, sway
+from omni_sim.camera import batches
 from omni_sim.camera.camera import LineCameraArray
 from omni_sim.configuration import SimulatorConfiguration
 from omni_sim.driver.scripted import Driver, ScriptedDriver
@@ -20,6 +20,7 @@ from omni_sim.ground.friction import FrictionMap
 from omni_sim.texture.cache import TextureCache
 from omni_sim.vehicle.loads import Overload
 from omni_sim.vehicle.mujoco_vehicle import build_vehicle
+from omni_sim.vehicle.suspension import swaying
 from omni_sim.velocity_sensor import VelocitySensor
 
 
@@ -215,7 +216,7 @@ class Simulator:
         if self._sprung:
             height = self.vehicle.masses.height
             period = self.configuration.simulation.control_period
-            trajectory = sway.swaying(trajectory, ride, self.vehicle.ride, height, period)
+            trajectory = swaying(trajectory, ride, self.vehicle.ride, height, period)
         self._flow_sensors.advance(trajectory)
         self._flows = self._flow_sensors.measure(self._stamp_ns)
         if self._lines is not None:

@@ -59,7 +59,7 @@ class LineAssembler:
         rate = self.line_rate = self._configuration.line_rate(len(lines))
         period_ns = 1e9 / rate
         stamps_ns = stamp_ns + np.rint(period_ns * np.arange(1 - len(lines), 1)).astype(np.int64)
-        ready = self._flush() if lost else []
+        ready = self.finish() if lost else []
         # Batches end at multiples of their duration, so that the batches of several cameras end at
         # the same time.
         batch_ns = 1e9 * self._configuration.batch
@@ -71,7 +71,7 @@ class LineAssembler:
         for end in map(int, np.flatnonzero(last) + 1):
             self._waiting.append(lines[begin:end])
             self._newest_ns = int(stamps_ns[end - 1])
-            ready += self._flush()
+            ready += self.finish()
             begin = end
         if begin < len(lines):
             self._waiting.append(lines[begin:])
@@ -79,10 +79,7 @@ class LineAssembler:
         return ready
 
     def finish(self) -> list[LineBatch]:
-        """Return a last batch with the lines that remain at the end of a file."""
-        return self._flush()
-
-    def _flush(self) -> list[LineBatch]:
+        """Return a batch with the lines that are waiting, if there are any."""
         if not self._waiting:
             return []
         lines: Lines = np.ascontiguousarray(np.concatenate(self._waiting))

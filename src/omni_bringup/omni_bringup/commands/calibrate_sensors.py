@@ -112,7 +112,7 @@ def _rows(one: Calibration) -> Iterator[_Row]:
 
 
 def _yaml(found: Mapping[str, Calibration]) -> str:
-    from omni_loop.commented_yaml import commented_yaml
+    from omni_loop.yaml_files import commented_yaml
     from omni_platform.configuration import to_mapping
 
     lines = ["Line cameras calibrated from drives of known motion; standard errors:"]

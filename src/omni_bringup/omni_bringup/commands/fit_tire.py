@@ -96,7 +96,7 @@ def _rows(fit: TireFit) -> list[tuple[str, float, float, bool]]:
 
 def _tire_file(fit: TireFit, options: Options, data: TireData) -> str:
     """Return the YAML text of a tire file, which a vehicle can refer to by name."""
-    from omni_loop.commented_yaml import commented_yaml
+    from omni_loop.yaml_files import commented_yaml
     from omni_tools.vehicles.estimates import tire_stiffness
 
     model, source = options.model, options.data.name

@@ -11,7 +11,6 @@ import pytest
 
 from omni_platform.sensors import FlowSensor, LineSensor
 from omni_sim.camera.camera import CameraConfiguration
-from omni_sim.camera.sway import swaying
 from omni_sim.configuration import (
     GroundConfiguration,
     SimulationConfiguration,
@@ -24,7 +23,7 @@ from omni_sim.simulator import Simulator
 from omni_sim.texture.cache import TextureCache
 from omni_sim.texture.texture import TextureConfiguration
 from omni_sim.vehicle.configuration import VehicleConfiguration
-from omni_sim.vehicle.suspension import SuspensionConfiguration
+from omni_sim.vehicle.suspension import SuspensionConfiguration, swaying
 
 CORK = TextureConfiguration(kind="cork", size=0.1, texels=1024)
 ON = np.ones(4)

@@ -5,9 +5,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from omni_loop.commented_yaml import commented_yaml
 from omni_loop.experiment import WITHOUT_CAMERAS, ExperimentLibrary, short_name
 from omni_loop.metrics import Metric
+from omni_loop.yaml_files import commented_yaml
 from omni_platform import geometry, quantities
 from omni_tools.stopping_area import area
 from omni_tools.stopping_area.options import AreaOptions

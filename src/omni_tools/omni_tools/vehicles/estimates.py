@@ -4,7 +4,7 @@ import math
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from omni_loop.commented_yaml import commented_yaml
+from omni_loop.yaml_files import commented_yaml
 from omni_platform.brakes import ON_OFF, TORQUE, TYPICAL, VELOCITY, BrakeConfiguration
 from omni_platform.configuration import (
     Configuration,
