@@ -324,6 +324,16 @@ def test_encoders_and_an_imu_assist_without_any_twist(tmp_path: Path) -> None:
         assert "lost: twist (no_feedback)" in vehicle.texts[-1]
         assert "upwards 1.00, must be 9.81 m/s^2 (REP 145): check unit" in vehicle.texts[-1]
 
+        def answers_with_a_slow_odometry() -> int:
+            vehicle.enables.clear()
+            for step in range(8):
+                if step % 2 == 0:
+                    vehicle.send_twist(SWERVING)
+                drive(1.0)
+            return len(vehicle.enables)
+
+        vehicle.wait(lambda: answers_with_a_slow_odometry() > 6)
+
 
 def test_time_in_which_the_process_does_not_run_is_no_silence(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch

@@ -106,6 +106,7 @@ class BrakeAssistNode(Node):
         self.add_post_set_parameters_callback(self._on_parameters_set)
         self._wheels = tuple(configuration.wheels)
         self._imu_received = -math.inf
+        self._answered_ns = -1  # in real time, stamp of the newest decision
         self._upwards: float | None = None  # specific force of the IMU, low-passed [m/s^2]
         self._fault_detection = configuration.fault_detection
         self._inputs = StepPairing(
@@ -189,9 +190,8 @@ class BrakeAssistNode(Node):
         if math.isfinite(upwards):
             self._upwards = last + _UPWARDS_SHARE * (upwards - last)
         self._take(imu_reading_of(message))
-        silent = self._imu_received - self._twist_received > self._feedback_timeout
-        if silent and not self._lockstep:
-            self._answer()  # no twist arrives that would trigger the answer
+        if not self._lockstep:
+            self._answer()
 
     def _take(self, sample: Sample) -> None:
         """Store a sample; in lockstep, publish the decision once its inputs are complete."""
@@ -233,8 +233,14 @@ class BrakeAssistNode(Node):
         return None
 
     def _answer(self) -> None:
-        """Publish the decision for the newest inputs, unless an input is missing."""
-        if not self._watch() and (demand := self._inputs.newest_demand()) is not None:
+        """Publish the decision for the newest inputs, once for each time.
+
+        An IMU reading does not wait for the odometry of its step: that twist corrects the filters
+        in the next step, at its own stamp.
+        """
+        demand = self._inputs.newest_demand()
+        if not self._watch() and demand is not None and demand.stamp_ns != self._answered_ns:
+            self._answered_ns = demand.stamp_ns
             self._publish(self._assist.update(demand))
 
     def _publish(self, decision: Decision) -> None:
