@@ -9,7 +9,6 @@ from matplotlib.figure import Figure
 
 from linescan_odometry.configuration import OdometryConfiguration
 from linescan_odometry.matching import search, subpixel
-from linescan_odometry.matching.search import PairMatcher
 from linescan_odometry.measurements import SensorReading
 from linescan_odometry.sensor import SensorOdometry
 from omni_figures import style
@@ -63,7 +62,7 @@ def match_lines(
     time = np.concatenate(
         [1e-9 * b.stamp_ns + period * np.arange(1 - len(b.lines), 1) for b in whole]
     )
-    pairs = PairMatcher(
+    pairs = search.PairMatcher(
         search.METRICS[configuration.metric](configuration.shift_limit(sensor)),
         subpixel.SubpixelRefiner(sensor.pixels),
         configuration.minimum_correlation,
