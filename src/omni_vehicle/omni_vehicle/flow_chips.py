@@ -153,10 +153,8 @@ def open_chip(configuration: FlowChipConfiguration) -> FlowChip:
     try:
         return kind(configuration)
     except ImportError as error:
-        package = "sparkfun-qwiic-otos" if configuration.chip == OTOS else "pmw3901"
-        raise ConfigurationError(
-            "chip", f"{configuration.chip} needs the package {package} ({error})"
-        ) from None
+        install = f"./omni exec python -m pip install {kind.packages}"
+        raise ConfigurationError("chip", f"{error}; {install} installs it") from None
     except (OSError, RuntimeError, TimeoutError) as error:
         raise FlowChipError(f"{configuration.chip} does not answer: {error}") from None
 
@@ -171,7 +169,10 @@ class CountingChip:
 
     Attributes:
         counts: sums of all counts along x and along y since the chip was opened.
+        packages: packages from PyPI that the chip requires.
     """
+
+    packages = "pmw3901 spidev gpiod gpiodevice"
 
     def __init__(self, configuration: FlowChipConfiguration) -> None:
         self._configuration = configuration
@@ -253,6 +254,8 @@ def _i2c_driver(bus: int) -> Any:
 
 class OtosChip:
     """A SparkFun Optical Tracking Odometry Sensor."""
+
+    packages = "sparkfun-qwiic-otos"
 
     def __init__(self, configuration: FlowChipConfiguration) -> None:
         self._configuration = configuration

@@ -7,6 +7,7 @@ import math
 import struct
 import sys
 from collections.abc import Iterator
+from pathlib import Path
 from types import ModuleType, SimpleNamespace
 from typing import Any
 
@@ -252,6 +253,16 @@ def test_an_unplugged_chip_is_noticed_at_once_and_opened_again(
     again.board.power_up()
     with pytest.raises(FlowChipError, match="reset"):
         again.read()
+
+
+def test_a_missing_bus_driver_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "pmw3901.py").write_text("import gpiod\n")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    monkeypatch.delitem(sys.modules, "pmw3901", raising=False)
+    monkeypatch.setitem(sys.modules, "gpiod", None)
+    given = FlowChipConfiguration(chip="paa5100", counts_per_meter=COUNTS_PER_METER)
+    with pytest.raises(ConfigurationError, match=r"gpiod.* pip install pmw3901 spidev gpiod gpiod"):
+        open_chip(given)
 
 
 @pytest.mark.usefixtures("spi")
