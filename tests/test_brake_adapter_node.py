@@ -27,6 +27,7 @@ class Controllers(Bystander):
 
     def __init__(self, domain: int, array: bool) -> None:
         super().__init__("controllers", domain)
+        self.domain = domain
         create = self.node.create_publisher
         self.enable = create(JointState, "brake/enable", RELIABLE)
         self.joints = create(JointState, "joint_states", RELIABLE)
@@ -152,6 +153,13 @@ def test_velocity_drives_stop_along_their_ramp_when_the_emergency_stop_is_presse
         rest.pressed, rest.enables = False, (0.0, 1.0)
         rest.commanded = 0.0
         rest.until(5.0, 0.0)  # a released wheel is commanded its own speed
+        rest.node.create_subscription(DiagnosticArray, "/diagnostics", rest.diagnose, RELIABLE)
+        rest.commanded, rest.speed = 0.5, (float("nan"), float("nan"))
+        rest.until(3.0, -3.0)
+        rest.wait(lambda: any("no wheel speeds" in one for one in rest.problems))
+        rest.pressed = True
+        rest.until(0.0, 0.0)
+        assert any(1.0 < left < 3.0 for left, _ in rest.commands)  # from the last command on
 
 
 def test_proportional_brakes_follow_the_demand_of_the_pedal_and_the_shares() -> None:
@@ -167,6 +175,23 @@ def test_proportional_brakes_follow_the_demand_of_the_pedal_and_the_shares() -> 
         rest.until(0.5, 0.0)
         rest.enables = None
         rest.until(1.0, 1.0)
+
+
+def test_a_second_adapter_for_the_coils_follows_the_first() -> None:
+    with vehicle(True, kind="velocity") as rest:
+        rest.until(3.0, -3.0)
+        coils: list[list[float]] = []
+        listen = rest.node.create_subscription
+        listen(Float64MultiArray, "coils", lambda m: coils.append(list(m.data)), RELIABLE)
+        words = "-r __node:=coils -r commands:=coils -r wheel_states:=unused -p kind:=spring"
+        named = "-p wheels:=[left,right] -p joints:=[left_joint,right_joint]"
+        node = "-m", "omni_vehicle.brake_adapter_node", "--ros-args"
+        with node_process(rest.domain, *node, *words.split(), *named.split()):
+            rest.wait(lambda: coils[-1:] == [[1.0, 1.0]])
+            rest.enables, rest.pressed = (0.0, 1.0), True
+            rest.wait(lambda: coils[-1:] == [[1.0, 0.0]])
+            rest.until(5.0, 0.0)  # no second publisher of wheel_states or of the pedal
+            rest.wait(lambda: rest.states)
 
 
 def test_a_bool_demands_full_braking() -> None:

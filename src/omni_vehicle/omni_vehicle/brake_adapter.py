@@ -4,14 +4,15 @@ An enable is the share of the braking demand that passes to a wheel, 0 to 1. The
 to the controller depends on the kind of brake:
 
 - ``spring``: a spring-applied brake that a coil releases; command 1 energizes the coil,
-- ``proportional``: a brake that follows a demand of 0 to 1,
+- ``on_off``, ``proportional``: a valve or brake that follows a demand of 0 to 1,
 - ``torque``: a motor drive that receives a torque [N m]; this torque must never accelerate the
   wheel,
 - ``velocity``: a motor drive that receives a speed [rad/s]; the commanded speed decreases along a
   configured ramp.
 
 A pedal position or an enable that is missing or NaN causes full braking. A torque drive cannot
-brake a wheel whose speed is unknown, because the torque could have the wrong sign.
+brake a wheel whose speed is unknown, because the torque could have the wrong sign. A velocity drive
+brakes such a wheel along the ramp, from the last commanded speed.
 """
 
 import dataclasses
@@ -19,11 +20,9 @@ import math
 
 import numpy as np
 
-from omni_platform.brakes import PROPORTIONAL, SPRING, TORQUE, VELOCITY
+from omni_platform.brakes import ON_OFF, PROPORTIONAL, SPRING, TORQUE, TYPICAL
 from omni_platform.configuration import Configuration, ConfigurationError, parameter
 from omni_platform.quantities import FloatArray
-
-KINDS = (SPRING, PROPORTIONAL, TORQUE, VELOCITY)
 
 
 class BrakeAdapterConfiguration(Configuration):
@@ -31,7 +30,7 @@ class BrakeAdapterConfiguration(Configuration):
 
     wheels: tuple[str, ...] = parameter()
     """Names of the wheels in the order of the controller's joints"""
-    kind: str = parameter(SPRING, choices=KINDS)
+    kind: str = parameter(SPRING, choices=tuple(TYPICAL))
     """Kind of brakes"""
     max_torque: float = parameter(10.0, unit="N m", above=0.0, maximum=1.0e6)
     """Braking torque of a wheel at full demand, for torque drives"""
@@ -105,24 +104,25 @@ class BrakeAdapter:
         # false for NaN, so that a wheel with this value brakes fully
         valid = (demand.enable >= 0.0) & (demand.enable <= 1.0)
         share = pedal * np.where(valid, demand.enable, 1.0)
-        if self.configuration.kind == PROPORTIONAL:
+        if self.configuration.kind in (ON_OFF, PROPORTIONAL):
             return share
         if self.configuration.kind == SPRING:
             return self._spring(share, dt)
-        speed = _finite(demand.speed)
+        known, drive = np.isfinite(demand.speed), _finite(demand.drive)
         if pedal == 0.0:
-            self._command = speed
-            return _finite(demand.drive)
+            self._command = np.where(known, demand.speed, drive)
+            return drive
         if self.configuration.kind == TORQUE:
             # Without a speed the sign is unknown, and a torque of the wrong sign would drive the
             # wheel.
-            fade = np.clip(speed / self.configuration.standstill_speed, -1.0, 1.0)
+            fade = np.clip(_finite(demand.speed) / self.configuration.standstill_speed, -1.0, 1.0)
             return -fade * share * self.configuration.max_torque
-        # A released wheel is commanded its own speed, so that the drive adds no torque.
+        share = np.where(known, share, pedal)
         falling = np.sign(self._command) * np.maximum(
             np.abs(self._command) - share * self.configuration.ramp * dt, 0.0
         )
-        self._command = np.where(share > 0.0, falling, speed)
+        # A released wheel is commanded its own speed, so that the drive adds no torque.
+        self._command = np.where(share > 0.0, falling, demand.speed)
         return self._command
 
     def _spring(self, share: FloatArray, dt: float) -> FloatArray:

@@ -17,7 +17,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool, Float64MultiArray
 
 from omni_platform import topics
-from omni_platform.brakes import TORQUE
+from omni_platform.brakes import TORQUE, VELOCITY
 from omni_platform.configuration import Configuration, ConfigurationError, parameter
 from omni_platform.quantities import FloatArray
 from omni_ros.messages import joint_state, to_nanoseconds
@@ -191,8 +191,8 @@ class BrakeAdapterNode(Node):
             problems += [f"all brakes on: {sentence}" for sentence in misconnected]
             pedal, enable = 1.0, np.ones(len(enable))
         speed = np.full(len(enable), math.nan) if self._silent("joints", timeout) else self._speed
-        if not np.all(np.isfinite(speed)) and self._configuration.kind == TORQUE:
-            problems.append("no wheel speeds: the drives cannot brake")
+        if not np.all(np.isfinite(speed)) and self._configuration.kind in (TORQUE, VELOCITY):
+            problems.append("no wheel speeds: torque drives cannot brake, velocity drives do fully")
         drive = np.zeros(len(enable)) if self._silent("drive", timeout) else self._drive
         if not self._silent("other drive commands", timeout):
             problems.append(f"drive_commands must contain {len(drive)} values, one for each wheel")

@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 from numpy.typing import ArrayLike
 
-from omni_platform.brakes import PROPORTIONAL, SPRING, TORQUE, VELOCITY
+from omni_platform.brakes import ON_OFF, PROPORTIONAL, SPRING, TORQUE, TYPICAL, VELOCITY
 from omni_platform.configuration import ConfigurationError
 from omni_vehicle.brake_adapter import (
-    KINDS,
     BrakeAdapter,
     BrakeAdapterConfiguration,
     WheelDemand,
@@ -45,13 +44,13 @@ def test_the_brakes_are_on_when_the_timeout_has_passed(period: float) -> None:
 @pytest.mark.parametrize("pedal", [math.nan, -1.0, 2.0, math.inf, 1.0])
 @pytest.mark.parametrize("enable", [math.nan, -0.1, 1.1, 1.0])
 def test_what_makes_no_sense_is_full_braking(pedal: float, enable: float) -> None:
-    for kind in KINDS:
+    for kind in TYPICAL:
         given = adapter(kind, minimum_dwell_time=0.0)
         given.step(demand(0.0, 0.0), DT)
         command = given.step(demand(pedal, enable), DT)
         if kind == SPRING:
             assert not command.any()  # coils without current
-        elif kind == PROPORTIONAL:
+        elif kind in (ON_OFF, PROPORTIONAL):
             assert np.all(command == 1.0)
         elif kind == TORQUE:
             assert np.all(command == -given.configuration.max_torque)
@@ -79,6 +78,18 @@ def test_a_speed_command_falls_along_its_ramp_and_follows_a_released_wheel() -> 
         command = given.step(demand(1.0, enable, [8.0, -8.0, 8.0, 7.0]), DT)
         falling = max(10.0 - step, 0.0)
         np.testing.assert_allclose(command, [falling, -falling, 10.0 - 0.5 * step, 7.0], atol=1e-9)
+
+
+def test_a_speed_command_falls_along_its_ramp_even_if_the_speed_is_unknown() -> None:
+    given = adapter(VELOCITY, ramp=100.0)
+    given.step(demand(0.0, 1.0, 39.0, 40.0), DT)
+    speed = np.array([39.0, math.nan, math.nan, math.nan])
+    given.step(demand(0.0, 1.0, speed, [40.0, 40.0, -40.0, math.nan]), DT)
+    enable = [1.0, 1.0, 0.0, 1.0]  # a wheel of unknown speed cannot be commanded its own speed
+    for step in range(1, 5):
+        command = given.step(demand(0.5, enable, speed), DT)
+        falling = 0.5 * step
+        np.testing.assert_allclose(command, [39.0 - falling, 40.0 - falling, falling - 40.0, 0.0])
 
 
 @pytest.mark.parametrize("kind", [TORQUE, VELOCITY])
