@@ -28,9 +28,12 @@ from omni_bringup.graph.domain import reserved_domain
 from omni_bringup.graph.hardware import ARGUMENTS, hardware_nodes, starts_again
 from omni_bringup.graph.process_group import find_executable
 from omni_bringup.workspace import Workspace
-from omni_platform.configuration import ConfigurationError
+from omni_platform.brakes import TYPICAL
+from omni_platform.configuration import ConfigurationError, from_mapping
 from omni_ros.messages import joint_state, planar_twist_with_covariance
 from omni_ros.qos import RELIABLE
+from omni_tools.vehicles.estimates import Measured, write_vehicle
+from omni_vehicle.brake_adapter import BrakeAdapterConfiguration
 
 PAGE = WORKSPACE / "docs/real_vehicle.md"
 COVARIANCE = np.diag([1e-4, 1e-4, 1e-4])
@@ -258,24 +261,36 @@ def test_the_result_of_the_study_is_looked_for_in_the_workspace(tmp_path: Path) 
 
 
 def test_a_source_that_does_harm_is_named_by_ros_params_the_node_and_doctor(tmp_path: Path) -> None:
-    values = {"distance_ratio_median": 1.2, "distance_ratio_p95": 1.8, "rotation_median": 1.0}
-    values |= {"rotation_p95": 3.0, "rotation_unassisted_p95": 1.0}
+    values = {"distance_ratio_p95": 1.8, "rotation_p95": 3.0, "rotation_unassisted_p95": 1.0}
     metrics = {
-        f"{quantity}.{vehicle}_sliding_mode_{source}": {"value": value if bad else 1.0, "unit": "1"}
-        for vehicle in ("other", "wheel_twist_agv")
-        for source, bad in (("otos", vehicle == "other"), ("late_50ms", vehicle != "other"))
-        for quantity, value in values.items()
+        f"{quantity}.wheel_twist_agv_sliding_mode_{source}": {"value": value, "unit": "1"}
+        for source, harm in (("otos", 0.0), ("late_50ms", 1.0))
+        for quantity, value in {**values, "harm": harm}.items()
+    }
+    conditions = {
+        "wheel_twist_agv": {
+            "imu": True,
+            "brake.kind": "on_off",
+            **dict.fromkeys(("brake.dead_time", "brake.release_time", "brake.time_constant"), 0.0),
+            "brake.ramp": 3.0,
+        }
     }
     summary, out = tmp_path / "summary.json", tmp_path / "parameters"
-    summary.write_text(json.dumps({"name": "feedback", "metrics": metrics}))
-    example = str(WORKSPACE / "config/hardware/wheel_twist_agv.yaml")
+    summary.write_text(
+        json.dumps({"name": "feedback", "metrics": metrics, "conditions": conditions})
+    )
+    example = WORKSPACE / "config/hardware/wheel_twist_agv.yaml"
+
+    def run(source: str, *options: str, file: Path = example) -> tuple[int, str]:
+        known = ["--out", str(out), "--source", source, "--feedback", str(summary)]
+        finished = omni_here(["ros-params", str(file), *known, *options])
+        return finished.returncode, finished.stderr
+
     harm = "wheel_twist_agv: with ideal, 50 ms late and sliding_mode, assistance does more harm"
-    for source, words in (("otos", ""), ("late_50ms", harm)):
-        known = ["--source", source, "--feedback", str(summary)]
-        finished = omni_here(["ros-params", example, "--out", str(out), *known])
-        assert finished.returncode == 0, finished.stderr
-        assert words in finished.stderr
-        assert bool(words) == bool(finished.stderr)
+    assert run("otos") == (0, "")
+    code, words = run("late_50ms")
+    assert code == 0
+    assert harm in words
     node = ["--params-file", str(out / "brake_assist.yaml"), "-p", "subscribers:=1"]
     ended = subprocess.run(
         [
@@ -288,19 +303,45 @@ def test_a_source_that_does_harm_is_named_by_ros_params_the_node_and_doctor(tmp_
         timeout=60.0,
         check=False,
     )
-    assert words in ended.stderr
+    assert harm in ended.stderr
     finished = omni_here(["doctor", "--parameters", str(out), "--json"])
-    assert words in json.loads(finished.stdout)["checks"]["feedback"]["words"]
-    own = tmp_path / "my_agv.yaml"
-    own.write_text(Path(example).read_text())
-    finished = omni_here(
-        ["ros-params", str(own), "--out", str(out), *known[:1], "otos", *known[2:]]
-    )
-    assert f"{summary} is about other, wheel_twist_agv, not about my_agv" in finished.stderr
-    assert "other: with SparkFun OTOS" in finished.stderr
-    for source, words in (("lidar", "--source: 'lidar' is not one of"), ("ideal", "has no ideal")):
-        refused = omni_here(
-            ["ros-params", example, "--out", str(out), *known[:1], source, *known[2:]]
+    assert harm in json.loads(finished.stdout)["checks"]["feedback"]["words"]
+    # A result about another vehicle, other brakes or another IMU shows nothing.
+    own, drives = tmp_path / "my_agv.yaml", tmp_path / "drives" / example.name
+    drives.parent.mkdir()
+    own.write_text(example.read_text())
+    drives.write_text(example.read_text() + "  brake: {kind: velocity}\n")
+    for refused, words in (
+        (run("lidar"), "--source: 'lidar' is not one of"),
+        (run("ideal"), "has no stops of wheel_twist_agv with ideal, sliding_mode and {"),
+        (run("otos", file=own), "('my_agv'); run ./omni study feedback --vehicle\n"),
+        (run("otos", file=drives), "(its stops have {'imu': True, 'brake.kind': 'on_off'"),
+        (run("otos", "--without-imu"), "; run ./omni study feedback --vehicle --without-imu"),
+    ):
+        assert refused[0] == 2
+        assert words in refused[1]
+
+
+@pytest.mark.parametrize("brakes", TYPICAL)
+def test_the_parameters_of_the_brake_adapter_are_those_of_the_vehicle(
+    tmp_path: Path, brakes: str
+) -> None:
+    measured = Measured(length=0.6, width=0.4, mass=30.0, wheel_radius=0.05, brakes=brakes)
+    write_vehicle("mine", measured, tmp_path / "mine")
+    for kind in ("velocity" if brakes == "spring" else "spring", brakes):
+        options = ros_params.Options(
+            configuration=str(tmp_path / "mine"), out=tmp_path / "out", brakes=kind
         )
-        assert refused.returncode == 2
-        assert words in refused.stderr
+        if TYPICAL[kind]["kind"] != TYPICAL[brakes]["kind"]:
+            with pytest.raises(ConfigurationError, match="--brakes"):
+                ros_params.run(options, Workspace(WORKSPACE))
+        else:
+            ros_params.run(options, Workspace(WORKSPACE))
+    written = yaml.safe_load((tmp_path / "out/brake_adapter.yaml").read_text())
+    values = written["/**"]["ros__parameters"]
+    values["wheels"] = tuple(values["wheels"])
+    adapter = from_mapping(BrakeAdapterConfiguration, values)
+    assert adapter.wheels == ("rear_left", "rear_right", "front_left", "front_right")
+    assert adapter.kind == brakes
+    assert adapter.minimum_dwell_time == (0.1 if brakes == "spring" else 0.0)
+    assert adapter.ramp == pytest.approx(3.0 / 0.05)

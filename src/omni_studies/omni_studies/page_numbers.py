@@ -8,6 +8,7 @@ A page contains a template in a comment, and the filled template below it::
     | rotation [deg] | 2.4 |
     <!-- /numbers -->
 
+``{metric.case:mark}`` inserts a mark if the metric is not zero, and nothing if it is zero.
 ``{study:metric.case:.1f}`` refers to a metric of another study, and ``run_EXPERIMENT`` to a run
 over the ROS graph. ``{table.row_column}`` refers to a cell of ``table.csv`` in the folder of the
 study. ``row`` is the first cell of the row and ``column`` the head of the column; in both, ``_``
@@ -109,6 +110,8 @@ def filled(template: str, study: str, numbers: Numbers) -> str:
 
     def number(found: re.Match[str]) -> str:
         value = numbers.get(found[1] or study, {}).get(found[2])
+        if found[3] == "mark":
+            return " ✗" if value else ""
         return "-" if value is None else format(value, found[3] or "")
 
     return _PLACE.sub(number, expanded(template))

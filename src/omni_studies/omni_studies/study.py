@@ -103,12 +103,14 @@ class StudyResult:
         files: written figures and data.
         findings: sentences about the results.
         claims: claims of the study, which `run_study` evaluates with the metrics.
+        conditions: conditions of the runs, as JSON values.
     """
 
     metrics: Mapping[str, Metric]
     files: tuple[Path, ...] = ()
     findings: tuple[str, ...] = ()
     claims: tuple[Claim, ...] = ()
+    conditions: Mapping[str, Any] = dataclasses.field(default_factory=dict)
 
     @property
     def missed(self) -> list[str]:
@@ -169,6 +171,8 @@ def run_study(name: str, options: Any, study: StudyRun) -> tuple[StudyResult, di
     result = dataclasses.replace(result, metrics=bounded, claims=evaluate(name, bounded))
     metrics = {key: results_entry(metric) for key, metric in result.metrics.items()}
     document: dict[str, Any] = {"name": name, "metrics": metrics}
+    if result.conditions:
+        document["conditions"] = result.conditions
     if result.claims:
         document["claims"] = [claim.entry() for claim in result.claims]
     text = json.dumps(document, indent=2, allow_nan=False) + "\n"

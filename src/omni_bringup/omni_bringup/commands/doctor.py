@@ -195,7 +195,7 @@ def _feedback(parameters: Path, _: Path) -> str:
             f"{file} contains no parameters; write it by ./omni ros-params"
         ) from None
     if warning:
-        raise TroubleError(f"{warning}; use another source or law")
+        raise TroubleError(f"{warning}; use another source or law, or no assistant")
     return "no warning about the source of the twist"
 
 

@@ -89,6 +89,7 @@ def run(options: Options, workspace: Workspace) -> Report:
             *(f"note: {note}" for note in notes),
             "estimates are marked in vehicle.yaml; replace what you can measure",
             f"run a stop: ./omni run {shlex.quote(str(folder / 'experiment.yaml'))}",
+            f"compare speed sensors: ./omni study feedback --vehicle {shlex.quote(str(folder))}",
         ),
     )
 

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from omni_bringup.command_report import Report, make_folder
 from omni_bringup.workspace import Workspace
+from omni_platform.brakes import TYPICAL
 from omni_platform.command_options import CommandOptions, option
 from omni_platform.configuration import ConfigurationError, check_choice
 
@@ -24,9 +25,14 @@ class Options(CommandOptions):
     """source of the twist, by its name in ./omni study feedback; a warning states whether
     assistance with this source does more harm than good"""
     feedback: Path | None = option(None, metavar="FILE")
-    """result of ./omni study feedback --vehicle, required for --source; if this result does not
-    contain a vehicle with the name of CONFIGURATION, the warning is about the vehicles in the
-    result (default: results/feedback/summary.json in the workspace)"""
+    """result of ./omni study feedback --vehicle, required for --source; it must contain a vehicle
+    with the name and the brakes of CONFIGURATION (default: results/feedback/summary.json in the
+    workspace)"""
+    without_imu: bool = option(False)
+    """the vehicle has no IMU; the result for --source must have the same option"""
+    brakes: str | None = option(None, choices=tuple(TYPICAL))
+    """also write brake_adapter.yaml, the parameters of the brake adapter, for this kind of
+    brakes"""
     force: bool = option(False)
     """write the files even if a roller angle seems to have a wrong sign"""
 
@@ -45,18 +51,13 @@ def run(options: Options, workspace: Workspace) -> Report:
     if options.source is not None:
         from omni_loop.experiment import short_name
         from omni_studies.feedback.sources import SOURCES
-        from omni_studies.studies.feedback import warnings
+        from omni_studies.studies import feedback
 
         check_choice("--source", options.source, SOURCES)
         summary = options.feedback or workspace.results(None, "feedback") / "summary.json"
-        found = warnings(summary, hardware.brake_assist.law, options.source)
-        own = short_name(options.configuration)
-        if own in found:
-            found = {own: found[own]}
-        else:
-            workspace.note(f"{summary} is about {', '.join(found)}, not about {own}")
-        warning = "; ".join(filter(None, found.values()))
+        own, imu = short_name(options.configuration), not options.without_imu
+        warning = feedback.warning(summary, own, options.source, hardware.brake_assist, imu)
     if warning:
         workspace.note(warning)
-    written = write_parameters(hardware, make_folder(options.out), warning)
+    written = write_parameters(hardware, make_folder(options.out), warning, options.brakes)
     return Report(details={"files": list(map(str, written))}, text=map(str, written))

@@ -13,6 +13,7 @@ from omni_bringup.graph.nodes import parameters_text, values_of
 from omni_loop.experiment import ExperimentConfiguration, ExperimentLibrary, recorded_experiment
 from omni_loop.yaml_files import read_mapping
 from omni_platform import topics
+from omni_platform.brakes import TYPICAL
 from omni_platform.configuration import (
     Configuration,
     ConfigurationError,
@@ -21,6 +22,7 @@ from omni_platform.configuration import (
 )
 from omni_platform.description import IMU_FRAME, urdf
 from omni_platform.sensors import Mount
+from omni_vehicle.brake_adapter import BrakeAdapterConfiguration
 
 DESCRIPTION = "robot.urdf"
 FRAMES = "robot_state_publisher"
@@ -198,7 +200,32 @@ def _part(tree: Mapping[str, Any], key: str, cls: Any, **shared: Any) -> Any:
         raise error if at_top else error.below(key) from None
 
 
-def write_parameters(hardware: Hardware, folder: Path, warning: str = "") -> list[Path]:
+def brake_adapter(assistant: BrakeAssistConfiguration, brakes: str) -> BrakeAdapterConfiguration:
+    """Return the configuration of the brake adapter for the nominal brakes of the assistant.
+
+    Args:
+        assistant: configuration of the assistant.
+        brakes: kind of the brakes, a key of `TYPICAL`.
+
+    Raises:
+        ConfigurationError: the assistant assumes another kind of brakes.
+    """
+    brake, needed = assistant.brake, TYPICAL[brakes]["kind"]
+    if brake.kind != needed:
+        problem = f"{brakes} brakes need brake_assist.brake.kind {needed}, but it is {brake.kind}"
+        raise ConfigurationError("--brakes", problem)
+    return BrakeAdapterConfiguration(
+        wheels=tuple(assistant.wheels),
+        kind=brakes,
+        max_torque=brake.max_torque,
+        ramp=brake.ramp / min(wheel.radius for wheel in assistant.wheels.values()),
+        minimum_dwell_time=assistant.minimum_dwell_time,
+    )
+
+
+def write_parameters(
+    hardware: Hardware, folder: Path, warning: str = "", brakes: str | None = None
+) -> list[Path]:
     """Write the nodes' parameter files and a URDF of the vehicle; return their paths.
 
     The files are valid for nodes of any name and namespace.
@@ -208,11 +235,12 @@ def write_parameters(hardware: Hardware, folder: Path, warning: str = "") -> lis
         folder: folder of the files, created if it is missing.
         warning: sentence about the source of the twist, to be reported by the assistant; empty for
             none.
+        brakes: kind of the brakes, for the parameters of the brake adapter; None for no such file.
 
     Raises:
+        ConfigurationError: the assistant assumes another kind of brakes.
         OSError: the folder is not writable.
     """
-    folder.mkdir(parents=True, exist_ok=True)
     reported = {WARNING: warning} if warning else {}
     documents = {f"{BRAKE_ASSIST}.yaml": parameter_file(hardware.brake_assist, **reported)}
     assistant = hardware.brake_assist
@@ -229,6 +257,9 @@ def write_parameters(hardware: Hardware, folder: Path, warning: str = "") -> lis
         "types": [topic.type for topic in (*_RECORDED, topics.DIAGNOSTICS)],
     }
     documents[f"{RECORDER}.yaml"] = parameters_text(recorded)
+    if brakes:
+        documents["brake_adapter.yaml"] = parameter_file(brake_adapter(assistant, brakes))
+    folder.mkdir(parents=True, exist_ok=True)
     for name, text in documents.items():
         (folder / name).write_text(text, encoding="utf-8")
     return [folder / name for name in documents]

@@ -1,9 +1,9 @@
 """Stopping distance and rotation with different sources of the body twist.
 
 The same random stops are run without the assistant, and with each combination of law and source,
-with or without an IMU. The sources are an ideal sensor, line cameras, optical-flow chips, wheel
-odometry, dead reckoning, and ideal sensors with delay or a low rate. The table shows the sources
-with which assistance does more harm than good.
+with the brakes of the vehicle, and with or without an IMU. The sources are an ideal sensor, line
+cameras, optical-flow chips, wheel odometry, dead reckoning, and ideal sensors with delay or a low
+rate. The table shows the sources with which assistance does more harm than good.
 
 Camera lines are rendered in the first random stops, and in the stops of the named experiments, such
 as ``straight_line``. In all other stops, an error model replaces the cameras.
@@ -17,17 +17,19 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.figure import Figure
 
+from omni_brake_assist.configuration import BrakeAssistConfiguration
 from omni_figures import style
 from omni_loop.compiled import run_fast_loop
 from omni_loop.experiment import ExperimentConfiguration, ExperimentLibrary, short_name
 from omni_loop.ground_choice import prepare_grounds
 from omni_loop.loop import run_closed_loop
 from omni_loop.metrics import Metric, run_metrics
+from omni_platform.brakes import TYPICAL, typical_changes
 from omni_platform.configuration import ConfigurationError, parameter
 from omni_platform.kinematics import PlatformKinematics
 from omni_platform.sensors import LineSensor
@@ -36,13 +38,15 @@ from omni_sim.vehicle.configuration import VehicleConfiguration
 from omni_sim.vehicle.loads import MassConfiguration
 from omni_studies.feedback.sources import SOURCES, SourceModel
 from omni_studies.study import StudyResult, StudyRun
-from omni_tools.campaign.runner import CampaignOptions
+from omni_tools.campaign.runner import CampaignOptions, digest
 
 _LAWS = ("sliding_mode", "allocation")
 _UNASSISTED = "unassisted"
 _NAMED = "named"
 _EXPERIMENTS = ("straight_line", "three_wheel_diagonal", "ice_patch", "turn_while_translate")
 _VEHICLES = ("mecanum_forklift", "three_wheel_robot", "six_wheel_mecanum")
+_SENTENCE = ("harm", "distance_ratio_p95", "rotation_p95", "rotation_unassisted_p95")
+_HEAVIEST_LOAD = 0.4  # largest random load, divided by the mass of the vehicle [1]
 
 
 class Options(CampaignOptions):
@@ -60,6 +64,8 @@ class Options(CampaignOptions):
     """maximum speed of the random stops"""
     named: bool = parameter(False)
     """also run the named experiments, each with its own vehicle and speed"""
+    brakes: str | None = parameter(None, choices=tuple(TYPICAL))
+    """kind of brakes, with typical timing (default: the brakes of each vehicle)"""
     without_imu: bool = parameter(False)
     """remove the IMU, which the assistant uses to estimate the motion while the twist is missing,
     and to detect faults"""
@@ -104,22 +110,25 @@ class Cases:
     @classmethod
     def of(cls, library: ExperimentLibrary, options: Options) -> Cases:
         """Return the cases for the options, and load vehicles, experiments and cameras."""
-        names = [short_name(one) for one in options.vehicle]
-        if len(set(names)) != len(names):
-            raise ConfigurationError("--vehicle", f"names a vehicle twice: {', '.join(names)}")
         changes = [
             "feedback=velocity_sensor",
             "simulation.render_lines=false",
-            "vehicle.brake.kind=proportional",
+            *(typical_changes(options.brakes) if options.brakes else ()),
             f"imu.enabled={str(not options.without_imu).lower()}",
             # A longer time at rest would take a quarter of the computing time and change distances
             # by 2 mm.
             "simulation.settling_time=0.2",
         ]
-        bases = {
-            name: library.load("straight_line", "assisted", [f"vehicle={path}", *changes])
-            for name, path in zip(names, options.vehicle, strict=True)
-        }
+        bases: dict[str, ExperimentConfiguration] = {}
+        for path in options.vehicle:
+            if (name := short_name(path)) in bases:
+                raise ConfigurationError("--vehicle", f"names a vehicle twice: {name}")
+            base = library.load("straight_line", "assisted", [f"vehicle={path}", *changes])
+            if library.located("experiments", path) != path:  # a folder with an experiment
+                own = library.load(path, overrides=changes)
+                parts = ("vehicle", "imu", "encoders", "brake_assist")
+                base = dataclasses.replace(base, **{part: getattr(own, part) for part in parts})
+            bases[name] = base
         named = [
             library.load(name, overrides=changes)
             for name in (_EXPERIMENTS if options.named else ())
@@ -171,10 +180,8 @@ class Cases:
             kinematics = PlatformKinematics.of(configuration.vehicle.wheels)
             model = SourceModel(source, kinematics, stop)
             metrics = run_metrics(run_fast_loop(configuration, model.measure))
-        distance, rotation = (
-            metrics[one].value for one in ("stopping_distance", "orientation_change")
-        )
-        return Stop(number, vehicle, stop, law, name, distance, rotation)
+        quantities = ("stopping_distance", "orientation_change")
+        return Stop(number, vehicle, stop, law, name, *(metrics[one].value for one in quantities))
 
 
 def _drawn(base: ExperimentConfiguration, stop: int, speed: float) -> ExperimentConfiguration:
@@ -187,9 +194,10 @@ def _drawn(base: ExperimentConfiguration, stop: int, speed: float) -> Experiment
     """
     random = np.random.default_rng([7, stop])
     vehicle = base.vehicle
+    mass = (1.0 + 0.5 * _HEAVIEST_LOAD) * vehicle.body.mass  # with an average load
     reach = 0.3 * vehicle.chassis_length, 0.3 * vehicle.chassis_width
     load = MassConfiguration(
-        mass=random.uniform(0.0, 0.4) * vehicle.body.mass,
+        mass=random.uniform(0.0, _HEAVIEST_LOAD) * vehicle.body.mass,
         x=random.uniform(-1.0, 1.0) * reach[0],
         y=random.uniform(-1.0, 1.0) * reach[1],
         height=vehicle.body.height,
@@ -206,6 +214,7 @@ def _drawn(base: ExperimentConfiguration, stop: int, speed: float) -> Experiment
         base,
         seed=stop,
         vehicle=dataclasses.replace(vehicle, load=load),
+        brake_assist=dataclasses.replace(base.brake_assist, nominal_mass=mass),
         ground=dataclasses.replace(base.ground, friction=random.uniform(0.4, 1.0)),
         maneuver=maneuver,
     )
@@ -237,10 +246,8 @@ def run(options: Options, study: StudyRun) -> StudyResult:
     stops = (*cases.bases.values(), *cases.named)
     rendered = (_rendered(stop, one) for stop in stops for one in cases.cameras.values())
     prepare_grounds(rendered, TextureCache.of_user())
-    fingerprint = (
-        f"{cases.groups} {options.source} {options.runs} {options.rendered} {options.speed} "
-        f"{options.without_imu}"
-    )
+    given = (options.source, options.runs, options.rendered, options.speed)
+    fingerprint = digest(cases.bases, cases.named, *given)
     rows = study.campaign(cases.run, range(len(cases)), Stop, options, fingerprint)
     table = {
         (vehicle, law, source): _results(rows, vehicle, law, source)
@@ -255,14 +262,22 @@ def run(options: Options, study: StudyRun) -> StudyResult:
     }
     for vehicle in cases.groups:
         study.figure(f"{vehicle}.png", _figure(table, vehicle, options.source))
-    return study.result(metrics, *_findings(table))
+    bases = cases.bases.items()
+    conditions = {name: _conditions(one.brake_assist, one.imu.enabled) for name, one in bases}
+    return dataclasses.replace(study.result(metrics, *_findings(table)), conditions=conditions)
+
+
+def _conditions(assistant: BrakeAssistConfiguration, imu: bool) -> dict[str, Any]:
+    """Return kind and timing of the brakes, and whether there is an IMU, keyed by name."""
+    keys = ("kind", "dead_time", "release_time", "time_constant", "ramp")
+    return {"imu": imu, **{f"brake.{key}": getattr(assistant.brake, key) for key in keys}}
 
 
 def _results(rows: Sequence[Stop], vehicle: str, law: str, source: str) -> dict[str, float]:
     """Return statistics of the stops with one vehicle, law and source, keyed by name.
 
     Distances are divided by those of the same stops without the assistant [1]; rotations are in
-    degrees.
+    degrees; ``harm`` is 1 if assistance does more harm than good, otherwise 0.
     """
     own = {row.stop: row for row in rows if (row.vehicle, row.law) == (vehicle, _UNASSISTED)}
     stops = [
@@ -277,17 +292,18 @@ def _results(rows: Sequence[Stop], vehicle: str, law: str, source: str) -> dict[
     ]
     turned = [math.inf if math.isnan(row.rotation) else row.rotation for row, _ in stops]
     free = [free.rotation for _, free in stops]
-    return {
+    found = {
         "distance_ratio_median": float(np.median(ratios)),
         "distance_ratio_p95": float(np.percentile(ratios, 95, method="higher")),
         "rotation_median": float(np.median(turned)),
         "rotation_p95": float(np.percentile(turned, 95, method="higher")),
         "rotation_unassisted_p95": float(np.percentile(free, 95, method="higher")),
     }
+    return found | {"harm": float(_harms(found))}
 
 
 def _findings(table: Table) -> list[str]:
-    return [_sentence(*key, found) for key, found in table.items() if _harms(found)] or [
+    return [_sentence(*key, found) for key, found in table.items() if found["harm"]] or [
         "Assistance does more harm than good with none of these sources"
     ]
 
@@ -311,7 +327,7 @@ def _harms(
     without the assistant.
 
     Args:
-        found: statistics from `_results` of a source.
+        found: the other statistics from `_results` of a source.
         longer: limit on the median distance ratio, if the largest rotations are not reduced [1].
         worst: limit on the 95th percentile of the distance ratio [1].
         turn: limit on the increase of the 95th percentile of the rotation due to the assistant
@@ -322,37 +338,38 @@ def _harms(
     return turned > free + turn or high > worst or (ratio > longer and turned > free)
 
 
-def warnings(summary: Path, law: str, source: str) -> dict[str, str]:
-    """Return a warning for each vehicle, keyed by vehicle.
-
-    The warning is empty unless assistance does more harm than good.
+def warning(
+    summary: Path, vehicle: str, source: str, assistant: BrakeAssistConfiguration, imu: bool
+) -> str:
+    """Return a warning if assistance does more harm than good; otherwise an empty text.
 
     Args:
-        summary: ``summary.json`` of a run of this study, with or without ``without_imu``.
-        law: name of the control law.
+        summary: ``summary.json`` of a run of this study.
+        vehicle: name of the vehicle.
         source: source of the twist.
+        assistant: configuration of the assistant, with the law and the brakes of the vehicle.
+        imu: whether the vehicle has an IMU.
 
     Raises:
-        ConfigurationError: the file does not contain this law and source.
+        ConfigurationError: the file does not contain this vehicle with these brakes, with or
+            without an IMU, or not this law and source.
     """
+    law, wanted = assistant.law, _conditions(assistant, imu)
+    found = {}
     try:
-        metrics = json.loads(summary.read_text(encoding="utf-8"))["metrics"]
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        problem = f"is no result of ./omni study feedback, which must be run first: {error}"
+        document = json.loads(summary.read_text(encoding="utf-8"))
+        if (measured := document["conditions"][vehicle]) != wanted:
+            raise LookupError(f"its stops have {measured}")
+        for quantity in _SENTENCE:
+            value = document["metrics"][f"{quantity}.{vehicle}_{law}_{source}"]["value"]
+            found[quantity] = math.inf if value is None else value
+    except (OSError, ValueError, LookupError, TypeError) as error:
+        problem = (
+            f"has no stops of {vehicle} with {source}, {law} and {wanted} ({error}); "
+            f"run ./omni study feedback --vehicle{'' if imu else ' --without-imu'}"
+        )
         raise ConfigurationError(str(summary), problem) from None
-    vehicles: dict[str, dict[str, float]] = {}
-    for key, metric in metrics.items():
-        quantity, _, case = key.partition(".")
-        vehicle = case.removesuffix(f"_{law}_{source}")
-        if vehicle not in (case, _NAMED):
-            value = math.inf if metric["value"] is None else metric["value"]
-            vehicles.setdefault(vehicle, {})[quantity] = value
-    if not vehicles:
-        raise ConfigurationError(str(summary), f"has no {source} with {law}; run the study anew")
-    return {
-        vehicle: _sentence(vehicle, law, source, found) if _harms(found) else ""
-        for vehicle, found in vehicles.items()
-    }
+    return _sentence(vehicle, law, source, found) if found["harm"] else ""
 
 
 def _figure(table: Table, vehicle: str, sources: Sequence[str]) -> Figure:
@@ -368,7 +385,7 @@ def _figure(table: Table, vehicle: str, sources: Sequence[str]) -> Figure:
             found = [table[vehicle, law, source] for source in sources]
             values = [min(one[quantity], most) for one in found]
             values = [value if math.isfinite(value) else 360.0 for value in values]
-            edges = [style.VERMILLION if _harms(one) else color for one in found]
+            edges = [style.VERMILLION if one["harm"] else color for one in found]
             axes.barh(places + shift, values, 0.34, color=color, edgecolor=edges, linewidth=2.0,
                       label=law)  # fmt: skip
     panels[0].axvline(1.0, color=style.GRAY)

@@ -17,6 +17,7 @@ from omni_platform.signals import UNMEASURED_VARIANCE
 from omni_studies.feedback.sources import SOURCES, SourceModel
 from omni_studies.studies import feedback
 from omni_studies.study import StudyRun
+from omni_tools.vehicles.estimates import Measured, write_vehicle
 
 WHEELS = {
     f"{x}_{y}": WheelMount(x=x, y=y, roller_angle_deg=-45.0 * x * y, radius=0.1)
@@ -137,6 +138,7 @@ def test_lines_are_rendered_in_the_first_stops_only(
             runs=2,
             rendered=rendered,
             speed=1.0,
+            brakes="proportional",
             workers=1,
         )
         folder = tmp_path / str(rendered)
@@ -148,3 +150,22 @@ def test_lines_are_rendered_in_the_first_stops_only(
     assert found[0][1] == found[1][1]
     # Before the workers start: they would all render the same ground.
     assert [one.simulation.render_lines for one in prepared] == [True, True]
+
+
+def test_a_vehicle_is_measured_with_its_own_brakes_and_its_assistant(tmp_path: Path) -> None:
+    measured = Measured(length=0.6, width=0.4, mass=30.0, wheel_radius=0.05, brakes="spring")
+    write_vehicle("mine", measured, tmp_path / "mine")
+    text = (tmp_path / "mine/experiment.yaml").read_text().replace("k: 7", "k: 3")
+    (tmp_path / "mine/experiment.yaml").write_text(text)
+    library = ExperimentLibrary(Path(__file__).parents[4] / "config")
+    found = {}
+    for brakes in (None, "velocity"):
+        options = feedback.Options(
+            vehicle=(str(tmp_path / "mine"),), source=("ideal",), brakes=brakes, runs=1, workers=1
+        )
+        base = feedback.Cases.of(library, options).bases["mine"]
+        assert base.brake_assist.k == 3
+        assert base.brake_assist.minimum_dwell_time == 0.1
+        document = feedback.run(options, StudyRun(library, tmp_path)).conditions["mine"]
+        found[brakes] = document["brake.kind"], document["brake.dead_time"], document["imu"]
+    assert found == {None: ("on_off", 0.06, True), "velocity": ("velocity", 0.0, True)}

@@ -310,6 +310,8 @@ def _experiment(name: str, measured: Measured) -> str:
                 "weighting": "enhanced",
                 "k": 7,
                 "nominal_mass": _round(measured.mass + measured.load),
+                # A coil must not be switched again before its slower operation is complete.
+                "minimum_dwell_time": TYPICAL[measured.brakes].get("release_time", 0.0),
             },
             "variants": {
                 "unassisted": {"brake_assist": {"enabled": False}},
