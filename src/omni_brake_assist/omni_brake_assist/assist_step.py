@@ -198,7 +198,7 @@ def _estimate_motion(
         least = min(least, variance[j])
     received = received and least < UNMEASURED_VARIANCE
     step.no_effect = effect_monitor.watch_effect(
-        constants.effect, memory.effect, dt, pedal, released, speeds, inertial[1:]
+        constants.effect, memory.effect, dt, pedal, released, speeds, inertial
     )
     return int(
         estimate(

@@ -1,17 +1,19 @@
 """Monitor that uses pedal, wheel speeds and specific force to detect too little braking.
 
 A vehicle that decelerates by ``a`` although it could decelerate by ``c`` travels ``v (1 - a / c)
-dt`` farther than necessary. The monitor adds this length to the missed distance ``M``, adds the
-remaining length ``v a / c dt`` to the braked distance ``B``, and requires
+dt`` farther than necessary. The monitor multiplies this length by the pedal position, adds it to
+the missed distance ``M``, adds the remaining length ``v a / c dt``, also multiplied by the pedal
+position, to the braked distance ``B``, and requires
 
     M <= creep + allowance v_0 + share B
 
 with the speed ``v_0`` at the start of the stop and the constants of `EffectConstants`. The speed
 ``v`` is the larger of two: the speed of the fastest rim, because some wheel rolls in an assisted
-stop, and the speed before the stop minus the integral of the specific force. A scale error that all
-encoders and the twist share therefore does not shorten the computed distance. Without an IMU such
-an error cannot be observed, and ``v`` decreases by at most `loss` per second. While all brakes act,
-nothing is added to ``M``. The deceleration ``a`` is measured in two ways: as the low-passed
+stop, and the speed before the stop minus the integral of the specific force and minus the decrease
+of the speed of the wheels about the platform center, which the gyro measures. A scale error that
+all encoders and the twist share therefore does not shorten the computed distance. Without an IMU
+such an error cannot be observed, and ``v`` decreases by at most `loss` per second. While all brakes
+act, nothing is added to ``M``. The deceleration ``a`` is measured in two ways: as the low-passed
 specific force, and as the difference between ``v`` and its low-pass. The larger of the two ratios
 ``a / c`` is used. With an IMU, the possible deceleration ``c`` is the largest deceleration observed
 in this stop, scaled by the pedal position, and at least `least_loss`, which is possible even with
@@ -53,6 +55,7 @@ _LEDGER = np.dtype(
         ("elapsed", "f8"),  # time since the pedal was pressed [s]
         ("speed", "f8"),  # speed v [m/s]
         ("mean_speed", "f8"),  # speed v, low-passed [m/s]
+        ("turn", "f8"),  # magnitude of the yaw rate [rad/s], NaN if unknown
         ("force_x", "f8"),  # low-passed specific force, x [m/s^2]
         ("force_y", "f8"),
         ("force_time", "f8"),  # duration for which the specific force has been known [s]
@@ -75,6 +78,7 @@ class EffectConstants(NamedTuple):
 
     Attributes:
         roll: speed of the rim along the active direction per wheel speed [m], shape (N,).
+        reach: largest speed of a rolling rim per yaw rate [m].
         empty: initial record of the memory, which is copied for a reset, shape (1,).
         allowance: missed distance that is allowed per initial speed, because brakes act with a
             delay [s].
@@ -89,6 +93,7 @@ class EffectConstants(NamedTuple):
     """
 
     roll: FloatArray
+    reach: float
     empty: NDArray[np.void]
     allowance: float
     least_loss: float
@@ -106,7 +111,8 @@ def effect_constants(
 ) -> EffectConstants:
     """Return the constants of the effect monitor for a configuration and wheel geometry."""
     allowance = 0.15 + configuration.brake.settling_time
-    return EffectConstants(geometry.rim, effect_memory(), allowance, least_loss(geometry.rim.size))
+    reach, least = float(np.max(np.abs(geometry.lever))), least_loss(geometry.rim.size)
+    return EffectConstants(geometry.rim, reach, effect_memory(), allowance, least)
 
 
 def effect_memory() -> NDArray[np.void]:
@@ -122,7 +128,7 @@ def watch_effect(
     pedal: float,
     released: bool,
     speeds: FloatArray,
-    force: FloatArray,
+    inertial: FloatArray,
 ) -> bool:
     """Update the missed and braked distances by one step; return whether all brakes must act.
 
@@ -133,8 +139,10 @@ def watch_effect(
         pedal: the driver's brake demand, 0 while the pedal is up [1].
         released: whether any brake was released during the step.
         speeds: current wheel speeds [rad/s], shape (N,); NaN where unknown.
-        force: specific force along x and y [m/s^2], shape (2,); NaN if unknown.
+        inertial: yaw rate [rad/s] and specific force along x and y [m/s^2], shape (3,); NaN where
+            unknown.
     """
+    turn, force_x, force_y = abs(inertial[0]), inertial[1], inertial[2]
     ledger, top, known = memory[0], 0.0, False
     for i in range(speeds.size):
         rim = abs(constants.roll[i] * speeds[i])
@@ -143,21 +151,26 @@ def watch_effect(
     if pedal <= 0.0:
         memory[0] = constants.empty[0]
         ledger.start = ledger.speed = ledger.mean_speed = top
+        ledger.turn = turn
         return False
     ledger.elapsed += dt
     ledger.demanded += pedal * dt
-    felt = math.isfinite(force[0] + force[1])
+    felt = math.isfinite(force_x + force_y)
     loss = constants.loss
     if felt:
-        loss = min(math.hypot(force[0], force[1]), LARGEST_LOSS)
+        loss = min(math.hypot(force_x, force_y), LARGEST_LOSS)
     fallen = ledger.speed - (loss * dt if known else 0.0)
+    if math.isfinite(ledger.turn - turn):
+        fallen -= constants.reach * (ledger.turn - turn)
+    ledger.turn = turn
     ledger.speed = max(top, fallen, 0.0)
     achieved = _share_of_wheels(constants, ledger, dt, pedal, felt)
     if felt:
-        achieved = max(achieved, _share_of_force(constants, ledger, dt, pedal, force))
+        achieved = max(achieved, _share_of_force(constants, ledger, dt, pedal, (force_x, force_y)))
+    length = pedal * ledger.speed * dt
     if released:
-        ledger.missed += ledger.speed * (1.0 - achieved) * dt
-    ledger.braked += ledger.speed * achieved * dt
+        ledger.missed += (1.0 - achieved) * length
+    ledger.braked += achieved * length
     stalls = felt and released and achieved < _LITTLE and ledger.speed < _LITTLE * ledger.start
     ledger.stalled = ledger.stalled + dt if stalls else 0.0
     bound = constants.creep + constants.allowance * ledger.start + constants.share * ledger.braked
@@ -197,7 +210,7 @@ def _share_of_wheels(
 
 @lean
 def _share_of_force(
-    constants: EffectConstants, ledger: Record, dt: float, pedal: float, force: FloatArray
+    constants: EffectConstants, ledger: Record, dt: float, pedal: float, force: tuple[float, float]
 ) -> float:
     """Return the low-passed specific force divided by the possible deceleration, 0 to 1.
 
@@ -208,7 +221,7 @@ def _share_of_force(
         ledger: memory of the monitor, changed in place.
         dt: length of the step [s].
         pedal: the driver's brake demand, 0 to 1.
-        force: specific force along x and y [m/s^2], shape (2,).
+        force: specific force along x and y [m/s^2].
     """
     time = constants.force_time
     follow = 1.0 - math.exp(-dt / time)

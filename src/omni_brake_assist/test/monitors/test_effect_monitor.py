@@ -18,7 +18,7 @@ DT = 0.01
 WHEELS = 4
 START = 5.0
 """Speed of the rims when the pedal goes down [m/s]."""
-UNKNOWN = np.full(2, np.nan)
+UNKNOWN = np.full(3, np.nan)
 DIRECTION = {False: np.nan, True: 0.0}  # of the motion, without and with an IMU [rad]
 
 
@@ -64,7 +64,7 @@ def trip_time(
         speed -= loss * DT
         if speed <= 0.0:
             break
-        force = -loss * np.array([np.cos(direction), np.sin(direction)])
+        force = np.array([0.0, -loss * np.cos(direction), -loss * np.sin(direction)])
         if watch_effect(constants, ledger, DT, pedal[late], released, speed * roll, force):
             return step * DT
     return np.inf
@@ -189,6 +189,22 @@ def test_less_pedal_may_have_less_effect(constants: EffectConstants) -> None:
     assert trip_time(constants, 4.0, 1.0) < np.inf
 
 
+def test_missed_braking_counts_in_proportion_to_the_pedal(constants: EffectConstants) -> None:
+    allowed = (constants.creep + constants.allowance * START) / START
+    assert trip_time(constants, 0.0, 0.0, pedal=(0.5, 0.5)) == pytest.approx(2.0 * allowed, abs=DT)
+
+
+def test_brakes_that_only_stop_the_rotation_have_an_effect(constants: EffectConstants) -> None:
+    ledger, speed, turn = effect_memory(), START, 3.0 / constants.reach
+    roll, force = 1.0 / constants.roll, -0.3
+    rim = speed + constants.reach * turn
+    watch_effect(constants, ledger, DT, 0.0, False, rim * roll, np.array([turn, 0.0, 0.0]))
+    for _ in range(100):
+        speed, turn = speed + force * DT, turn - 3.0 / constants.reach * DT
+        rim, inertial = speed + constants.reach * turn, np.array([turn, force, 0.0])
+        assert not watch_effect(constants, ledger, DT, 1.0, True, rim * roll, inertial)
+
+
 def test_brakes_are_not_released_for_longer_than_a_modest_stop_lasts(
     constants: EffectConstants,
 ) -> None:
@@ -199,7 +215,7 @@ def test_brakes_are_not_released_for_longer_than_a_modest_stop_lasts(
 
 def test_once_exceeded_it_holds_until_the_pedal_is_released(constants: EffectConstants) -> None:
     ledger, speeds = effect_memory(), START / constants.roll
-    still, rest = np.zeros(2), 0.0 * speeds
+    still, rest = np.zeros(3), 0.0 * speeds
     watch_effect(constants, ledger, DT, 0.0, False, speeds, still)
     detected = [watch_effect(constants, ledger, DT, 1.0, True, speeds, still) for _ in range(200)]
     assert detected[-1]
@@ -226,7 +242,7 @@ def test_one_encoder_that_reads_nonsense_does_not_end_an_assisted_stop(
         speed -= 4.0 * DT
         speeds = speed / constants.roll
         speeds[2] = value
-        force = np.array([-4.0, 0.0])
+        force = np.array([0.0, -4.0, 0.0])
         assert not watch_effect(constants, ledger, DT, 1.0, True, speeds, force)
 
 
@@ -241,9 +257,9 @@ def test_a_scale_error_of_all_encoders_does_not_hide_an_unbraked_vehicle(
     constants: EffectConstants, scale: float, within: float
 ) -> None:
     ledger, speed, time = effect_memory(), START, 0.0
-    watch_effect(constants, ledger, DT, 0.0, False, START / constants.roll, np.zeros(2))
+    watch_effect(constants, ledger, DT, 0.0, False, START / constants.roll, np.zeros(3))
     while not watch_effect(
-        constants, ledger, DT, 1.0, True, scale * speed / constants.roll, np.array([-0.5, 0.0])
+        constants, ledger, DT, 1.0, True, scale * speed / constants.roll, np.array([0.0, -0.5, 0.0])
     ):
         speed, time = speed - 0.5 * DT, time + DT
         assert time <= within
