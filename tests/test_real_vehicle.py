@@ -313,10 +313,13 @@ def test_a_source_that_does_harm_is_named_by_ros_params_the_node_and_doctor(tmp_
     drives.write_text(example.read_text() + "  brake: {kind: velocity}\n")
     for refused, words in (
         (run("lidar"), "--source: 'lidar' is not one of"),
-        (run("ideal"), "has no stops of wheel_twist_agv with ideal, sliding_mode and {"),
-        (run("otos", file=own), "('my_agv'); run ./omni study feedback --vehicle\n"),
-        (run("otos", file=drives), "(its stops have {'imu': True, 'brake.kind': 'on_off'"),
-        (run("otos", "--without-imu"), "; run ./omni study feedback --vehicle --without-imu"),
+        (run("ideal"), "has no stops of wheel_twist_agv with ideal and sliding_mode ("),
+        (run("otos", file=own), "('my_agv'); run ./omni study feedback --vehicle FOLDER\n"),
+        (run("otos", file=drives), "(its stops have {'brake.kind': 'on_off'})"),
+        (
+            run("otos", "--without-imu"),
+            "{'imu': True}); run ./omni study feedback --vehicle FOLDER --without-imu",
+        ),
     ):
         assert refused[0] == 2
         assert words in refused[1]

@@ -359,14 +359,14 @@ def warning(
     try:
         document = json.loads(summary.read_text(encoding="utf-8"))
         if (measured := document["conditions"][vehicle]) != wanted:
-            raise LookupError(f"its stops have {measured}")
+            raise LookupError(f"its stops have {dict(measured.items() - wanted.items())}")
         for quantity in _SENTENCE:
             value = document["metrics"][f"{quantity}.{vehicle}_{law}_{source}"]["value"]
             found[quantity] = math.inf if value is None else value
     except (OSError, ValueError, LookupError, TypeError) as error:
         problem = (
-            f"has no stops of {vehicle} with {source}, {law} and {wanted} ({error}); "
-            f"run ./omni study feedback --vehicle{'' if imu else ' --without-imu'}"
+            f"has no stops of {vehicle} with {source} and {law} ({error}); "
+            f"run ./omni study feedback --vehicle FOLDER{'' if imu else ' --without-imu'}"
         )
         raise ConfigurationError(str(summary), problem) from None
     return _sentence(vehicle, law, source, found) if found["harm"] else ""
@@ -379,12 +379,11 @@ def _figure(table: Table, vehicle: str, sources: Sequence[str]) -> Figure:
     figure, grid = style.panels(title, 1, 2, size=size, sharey=True)
     panels = grid[0]
     places = np.arange(len(sources))[::-1]
-    quantities = (("distance_ratio_p95", 3.0), ("rotation_p95", math.inf))
+    quantities = (("distance_ratio_p95", 3.0), ("rotation_p95", 360.0))
     for axes, (quantity, most) in zip(panels, quantities, strict=True):
         for shift, law, color in ((0.18, _LAWS[0], style.BLUE), (-0.18, _LAWS[1], style.ORANGE)):
             found = [table[vehicle, law, source] for source in sources]
             values = [min(one[quantity], most) for one in found]
-            values = [value if math.isfinite(value) else 360.0 for value in values]
             edges = [style.VERMILLION if one["harm"] else color for one in found]
             axes.barh(places + shift, values, 0.34, color=color, edgecolor=edges, linewidth=2.0,
                       label=law)  # fmt: skip
