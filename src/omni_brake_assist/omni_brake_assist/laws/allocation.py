@@ -75,8 +75,7 @@ def step(
         body.deceleration, body.force = _GRAVITY, law.mass * _GRAVITY
         memory.sent[:] = memory.qp.solution[:] = wheel["brake"][:] = wheel["force"][:] = 0.0
         wheel["capacity"][:] = law.mass * _GRAVITY / wheel.size
-    observe_wheels(law, memory, motion, error)
-    if motion.pedal <= 0.0 or 2 * wheel["known"].sum() < wheel.size:
+    if 2 * observe_wheels(law, memory, motion, error) < wheel.size or motion.pedal <= 0.0:
         return NO_HELP
     if body.steps > 0:
         observe_friction(law, memory)

@@ -140,7 +140,9 @@ def _find_step(box: Box) -> None:
     y, matrix = box.residual, box.matrix
     n, m = box.rows.shape
     for r in range(n):
-        y[r] = matrix[r, :] = 0.0
+        y[r] = 0.0
+        for s in range(r):
+            matrix[r, s] = 0.0
         matrix[r, r] = 1.0 / box.weights[r]
     for i in range(m):
         if box.place[i] == _FREE:

@@ -36,7 +36,7 @@ def new_qp(wheels: int) -> Box:
     amount above the demand and the amount below the demand, first for `YAW`, then for `SIDE`.
     """
     qp = new_box(3, wheels + 4)
-    qp.damping[:] = _SPREAD / wheels**2
+    qp.damping[:], qp.goals[DECELERATION] = _SPREAD / wheels**2, 1.0
     qp.weights[1:] = _ROUNDING
     qp.rows[YAW, wheels : wheels + 2] = qp.rows[SIDE, wheels + 2 :] = -1.0, 1.0
     return qp
@@ -48,8 +48,9 @@ def allocate(law: Constants, memory: Memory, motion: Motion) -> None:
 
     The solution begins with the friction force of each wheel as a share of the wheel's capacity.
     """
-    body, qp, n = memory.body[0], memory.qp, law.rim.size
-    total = memory.wheel["capacity"].sum()
+    body, qp, n, total = memory.body[0], memory.qp, law.rim.size, 0.0
+    for wheel in memory.wheel:
+        total += wheel.capacity
     per = body.force / body.deceleration / total  # share per acceleration [s^2/m]
     speed = math.hypot(motion.v_x, motion.v_y)
     # The time constants are proportional to the remaining time of the stop. Their lower limit
@@ -60,12 +61,11 @@ def allocate(law: Constants, memory: Memory, motion: Motion) -> None:
     drift = motion.across_x * motion.v_x + motion.across_y * motion.v_y
     drift -= min(max(drift, -law.max_rotation * speed), law.max_rotation * speed)
     turn = (heading / (CASCADE * time) + motion.yaw_rate) / time + body.yaw_disturbance
-    qp.goals[DECELERATION] = 1.0
     qp.goals[YAW] = -turn * law.gyration * per
     qp.goals[SIDE] = -(drift / (CASCADE * time) + body.lateral_disturbance) * per
-    qp.linear[n:] = 0.5 * law.deviation_weight
-    if motion.failed_brake != NO_WHEEL:
-        qp.linear[n : n + 2], qp.linear[n + 2 :] = _FAILED_SHARE * qp.linear[n], 0.0
+    yaw, side = (1.0, 1.0) if motion.failed_brake == NO_WHEEL else (_FAILED_SHARE, 0.0)
+    for k in range(4):
+        qp.linear[n + k] = 0.5 * law.deviation_weight * (yaw if k < 2 else side)
     for i, wheel in enumerate(memory.wheel):
         unit = wheel.sign * wheel.capacity / total
         along = law.active[i, 0] * motion.v_x + law.active[i, 1] * motion.v_y
@@ -98,6 +98,5 @@ def best_pattern(memory: Memory) -> int:
             if row != DECELERATION:  # the cost of a large excess is linear
                 square = min(size, qp.linear[n + 2 * (row - YAW)] / qp.weights[row])
             cost += qp.weights[row] * square * (2.0 * size - square)
-        if cost < least:
-            least, best = cost, pattern
+        least, best = (cost, pattern) if cost < least else (least, best)
     return best

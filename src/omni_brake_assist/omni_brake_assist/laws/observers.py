@@ -26,7 +26,7 @@ _LEAST_CAPACITY = 1.0  # lower limit, so that shares of the capacity are defined
 
 
 @lean
-def observe_wheels(law: Constants, memory: Memory, motion: Motion, error: FloatArray) -> None:
+def observe_wheels(law: Constants, memory: Memory, motion: Motion, error: FloatArray) -> float:
     """Update motion and nominal brake force of each wheel; estimate the brakes' dead time.
 
     The estimated dead time increases while the wheels lose much less speed than the nominal torque
@@ -37,9 +37,12 @@ def observe_wheels(law: Constants, memory: Memory, motion: Motion, error: FloatA
         memory: memory of the law.
         motion: motion of the vehicle and its wheels.
         error: output, error of each wheel [m/s] as defined in `allocation.step`, shape (N,).
+
+    Returns:
+        Number of wheels with a speed reading.
     """
     body, limit = memory.body[0], law.locked_share * math.hypot(motion.v_x, motion.v_y)
-    expected = lost = 0.0
+    expected = lost = known = 0.0
     for i, wheel in enumerate(memory.wheel):
         carried = law.active[i, 0] * motion.v_x + law.active[i, 1] * motion.v_y
         along = carried + law.active[i, 2] * motion.yaw_rate
@@ -50,6 +53,7 @@ def observe_wheels(law: Constants, memory: Memory, motion: Motion, error: FloatA
         wheel.sign = math.copysign(1.0, carried if holds else along)
         wheel.fixed = i == motion.failed_brake or max(abs(carried), wheel.hub) <= limit
         wheel.known = math.isfinite(rolled)
+        known += wheel.known
         wheel.last_speed = wheel.speed
         wheel.speed = max(wheel.sign * rolled, 0.0) if wheel.known else wheel.hub
         error[i] = wheel.hub - (1.0 + law.peak_slip[i]) * wheel.speed
@@ -66,6 +70,7 @@ def observe_wheels(law: Constants, memory: Memory, motion: Motion, error: FloatA
         if not body.responded:
             body.dead_time += body.dt
             memory.wheel["brake"][:] = memory.wheel["mean_brake"][:] = 0.0
+    return known
 
 
 @lean

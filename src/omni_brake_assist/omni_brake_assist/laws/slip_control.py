@@ -36,7 +36,7 @@ def control_slip(law: Constants, memory: Memory, motion: Motion, enable: FloatAr
     times, delay = (body.dt, law.observer_time), body.dead_time / body.dt
     slowing = body.deceleration / (math.hypot(motion.v_x, motion.v_y) + 1e-3)  # [1/s]
     for i, wheel in enumerate(memory.wheel):
-        enable[i], memory.forces[:, i] = 1.0, share[i]
+        enable[i], memory.forces[0, i], memory.forces[1, i] = 1.0, share[i], share[i]
         if wheel.fixed:
             continue
         # State of the wheel when a new command begins to act.
@@ -56,15 +56,14 @@ def control_slip(law: Constants, memory: Memory, motion: Motion, enable: FloatAr
         goal = max(hub - push, 0.0) / (1.0 + braked.peak_slip)
         # Without dead time, this loop is CASCADE times as fast as the observer.
         time = law.observer_time / CASCADE + body.dead_time
-        need = wheel.capacity + braked.mass * (rim.speed - goal) / time if goal > 0.0 else math.inf
+        aim = wheel.capacity + braked.mass * (rim.speed - goal) / time if goal > 0.0 else math.inf
         if share[i] < 1.0 or not wheel.known:
             demanded, slowed = share[i] * wheel.capacity, braked.mass * rim.speed * slowing
-            need = min(need, demanded + slowed + demanded - rim.force)
-        command = model.command_for(law.brake, rim.brake, need, body.dt)
-        enable[i] = min(max(command / most, 0.0), 1.0)
-    if valves:
-        pattern = best_pattern(memory)
-        for i in range(enable.size):
-            enable[i] = 1.0 if memory.wheel[i].fixed else (pattern >> i) & 1
-    if not enable.any():
-        enable[share[: enable.size].argmax()] = max(law.brake.pressure_step, _LEAST_ENABLE)
+            aim = min(aim, demanded + slowed + demanded - rim.force)
+        enable[i] = min(max(model.command_for(law.brake, rim.brake, aim, body.dt) / most, 0.0), 1.0)
+    pattern, largest, total = best_pattern(memory) if valves else 0, 0, 0.0
+    for i, wheel in enumerate(memory.wheel):
+        enable[i] = (pattern >> i) & 1 if valves and not wheel.fixed else enable[i]
+        largest, total = i if share[i] > share[largest] else largest, total + enable[i]
+    if total <= 0.0:
+        enable[largest] = max(law.brake.pressure_step, _LEAST_ENABLE)
