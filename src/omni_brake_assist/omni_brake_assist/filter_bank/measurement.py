@@ -172,10 +172,9 @@ def fuse_twist(constants: BankConstants, memory: BankMemory, dt: float, twist: b
 
 @lean
 def weigh_braking(constants: BankConstants, memory: BankMemory, now_ns: int, pedal: float) -> None:
-    """Reduce the likelihoods of filters whose deceleration is too small or too large in a stop.
+    """Reduce the likelihoods of filters whose deceleration in a stop is too small.
 
-    The lower limit is the deceleration on slippery ground. The upper limit is the largest
-    deceleration that tires allow.
+    The limit is the deceleration on slippery ground.
 
     Args:
         constants: constants of the vehicle.
@@ -197,6 +196,6 @@ def weigh_braking(constants: BankConstants, memory: BankMemory, now_ns: int, ped
     for k in range(bank.FILTERS):
         lost = loss[0, k] - loss[bank.LOSS_STEPS, k]
         least = min(constants.least_loss * pedal * time, 0.5 * loss[0, k])
-        off = max(least - lost, 0.0) + max(lost - bank.LARGEST_LOSS * time, 0.0)
-        memory.evidence[k] -= constants.wheel_weight * 0.5 * (off / bank.WHEEL) ** 2
+        missing = max(least - lost, 0.0)
+        memory.evidence[k] -= constants.wheel_weight * 0.5 * (missing / bank.WHEEL) ** 2
     memory.evidence[bank.NO_ESTIMATE] -= constants.wheel_weight

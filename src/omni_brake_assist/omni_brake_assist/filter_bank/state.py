@@ -42,7 +42,6 @@ LEAST_FRICTION = 3.0  # deceleration with a friction coefficient of 0.3 if all w
 # Prior probability that a source is faulty, that a driven wheel slides, or that a wheel rolls while
 # its brake acts [1]; the prior probability of two faults is the square of this number.
 PRIOR = 0.05
-LARGEST_LOSS = 12.0  # largest deceleration that tires allow [m/s^2]
 
 BANK = np.dtype(
     [

@@ -37,7 +37,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omni_brake_assist.configuration import BrakeAssistConfiguration
-from omni_brake_assist.filter_bank.state import LARGEST_LOSS, least_loss
+from omni_brake_assist.filter_bank.state import least_loss
 from omni_platform.geometry import PlatformGeometry
 from omni_platform.kernels import lean
 from omni_platform.quantities import FloatArray
@@ -158,7 +158,7 @@ def watch_effect(
     felt = math.isfinite(force_x + force_y)
     loss = constants.loss
     if felt:
-        loss = min(math.hypot(force_x, force_y), LARGEST_LOSS)
+        loss = math.hypot(force_x, force_y)
     fallen = ledger.speed - (loss * dt if known else 0.0)
     if math.isfinite(ledger.turn - turn):
         fallen -= constants.reach * (ledger.turn - turn)
