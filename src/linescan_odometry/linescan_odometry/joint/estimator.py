@@ -78,8 +78,10 @@ class _View(NamedTuple):
     """A batch of lines in the frequency domain, with the candidates for its displacement.
 
     Attributes:
-        recorded: logarithm of the gray levels, shape (m, n).
-        logs: the same logarithm after the interpolation of defective pixels, shape (m, n).
+        recorded: gray levels, shape (m, n).
+        table: logarithm of each gray level.
+        logs: logarithm of the gray levels after the interpolation of defective pixels, shape
+            (m, n).
         spectra: spectra of `logs`, shape (m, F).
         products: correlations between the lines.
         known: spectrum of the fixed pattern before this batch, shape (F,).
@@ -88,7 +90,8 @@ class _View(NamedTuple):
             if the batch has few lines.
     """
 
-    recorded: spectra.Floats
+    recorded: Lines
+    table: spectra.Floats
     logs: spectra.Floats
     spectra: spectra.Spectrum
     products: candidates.Products
@@ -198,8 +201,7 @@ def _estimate(
     found = candidates.find(products, layout, known, camera.weight, last)
     removed = products.mean if layout.lines >= fixed_pattern.FEWEST_LINES else known
     remainder = decision.subtract(products, layout, removed)
-    recorded = spectra.logarithms(lines, table)
-    view = _View(recorded, logs, transformed, products, known, found, remainder)
+    view = _View(lines, table, logs, transformed, products, known, found, remainder)
     d, moves, flaw = _choose(view, camera, layout, last)
     if flaw:
         return Estimate(d, math.inf, flaw, 0.0, view.logs, 0.0, pattern)
@@ -259,7 +261,8 @@ def _choose(
     if (
         len(static) > 0
         and (not moves or decision.turning(remainder, layout) < limit)
-        and decision.colored(view.recorded, camera.taper, layout) < limit
+        and decision.colored(spectra.logarithms(view.recorded, view.table), camera.taper, layout)
+        < limit
     ):
         c = found[static[int(np.argmax(evidence[static]))]]
         rest = decision.subtract(view.products, layout, view.known)
