@@ -5,7 +5,11 @@ curvature of the log-likelihood. It is smaller than the expected curvature where
 its coherence faster than in the model: in oblique motion and in turns. B is the covariance of the
 derivative of the log-likelihood, estimated by the method of Newey and West (1987): the errors of
 segments up to `_CORRELATED` apart may be correlated, because texture that is longer than a segment
-is part of several segments.
+is part of several segments. The errors within a frequency band may also be correlated: in
+motion across the axis, oblique texture seems to drift along the axis, and textures of different
+sizes drift differently. By the formula of Cameron, Gelbach and Miller (2011), B is the covariance
+with correlations between segments, plus the one with correlations within bands, minus the one
+without correlations.
 The sandwich is valid even if the noise is not white and the model is not exact.
 """
 
@@ -112,10 +116,12 @@ def assess(lines: Floats, here: Expansion) -> Fit:
     if not math.isfinite(here.inverse[0, 0]):
         return Fit(math.inf, math.inf, 0.0, 0.0, 0.0, 0.0)
     contrast = _shared(cut) / max(_noise(lines) * _gain(cut), 1e-12)
-    weight = np.zeros(cut.spectra.shape[1])
+    weight, information = np.zeros(cut.spectra.shape[1]), np.zeros(len(edges) - 1)
     for b in range(len(edges) - 1):
         gamma = min(moments[1, b] / moments[0, b], 1.0 - spectra.LEAST_NOISE)
         weight[edges[b] : edges[b + 1]] = math.sqrt(gamma / ((1.0 - gamma * gamma) * moments[0, b]))
+        rate = here.model.rate[edges[b] : edges[b + 1]]
+        information[b] = gamma * gamma / (1.0 - gamma * gamma) * (rate * rate).sum()
     moved, curvature = _moved(here)
     parts = _places(here, moved, weight, lines.shape[1])
     energy = np.maximum(parts[:, 1], 0.0)
@@ -123,7 +129,10 @@ def assess(lines: Floats, here: Expansion) -> Fit:
     # The observed curvature of noisy lines varies by chance and may even be negative. The factor by
     # which it enlarges the standard deviation is therefore limited to 1 to `SIGNIFICANT`.
     curvature = min(max(curvature, 1.0 / spectra.SIGNIFICANT), 1.0)
-    variance = _variance(parts[:, 0], energy / total) / curvature**2
+    white = here.inverse[0, 0]
+    bands = _between_bands(here, moved, information / information.sum())
+    variance = _variance(parts[:, 0], energy / total) + max(bands - white, 0.0)
+    variance /= curvature**2
     # With weights of amplitude times coherence, a bright edge dominates less than with energies.
     amplitude = energy**1.5 / np.maximum(parts[:, 2], 1e-12)
     features = amplitude.sum() ** 2 / max((amplitude * amplitude).sum(), 1e-12)
@@ -133,7 +142,6 @@ def assess(lines: Floats, here: Expansion) -> Fit:
     excess = max(offset**2 - spectra.SIGNIFICANT**2 * (scatter * scatter).sum(), 0.0)
     variance += excess
     coherence = moments[1].sum() / max(moments[0].sum(), 1e-9)
-    white = here.inverse[0, 0]
     return Fit(variance, white, features, coherence, contrast, math.sqrt(excess))
 
 
@@ -161,6 +169,29 @@ def _variance(errors: Doubles, share: Doubles) -> float:
     # like that of the curvature.
     freedom = 1.5 / ((_CORRELATED + 1.0) * concentration)
     variance: float = scatter / max(1.0 - 2.0 / freedom, spectra.SIGNIFICANT**-2)
+    return variance
+
+
+@kernel
+def _between_bands(here: Expansion, moved: Spectrum, share: Doubles) -> float:
+    """Return the variance of the displacement if only errors within a band are correlated [px^2].
+
+    Args:
+        here: expansion of the log-likelihood near its maximum.
+        moved: product ``M z`` from `_moved`, shape (t, F).
+        share: share of each frequency band in the information [1], shape (B,).
+    """
+    rate, edges = here.model.rate, here.model.edges
+    turned, errors = np.zeros(len(rate), np.float32), np.empty(len(share))
+    for r in range(len(moved)):
+        z, w = here.cut.spectra[r], moved[r]
+        for f in range(len(turned)):
+            turned[f] += z[f].real * w[f].imag - z[f].imag * w[f].real
+    for b in range(len(share)):
+        i, j = edges[b], edges[b + 1]
+        errors[b] = (rate[i:j] * turned[i:j]).sum()
+    own = errors - share * errors.sum()
+    variance: float = (own * own / (1.0 - share)).sum()  # HC2 of MacKinnon, White (1985)
     return variance
 
 

@@ -13,10 +13,11 @@ import pytest
 from linescan_odometry.configuration import OdometryConfiguration
 from linescan_odometry.joint import candidates, decision
 from linescan_odometry.joint.estimator import JointEstimator
-from linescan_odometry.joint.fit import _moved
+from linescan_odometry.joint.fit import _moved, assess
 from linescan_odometry.joint.fixed_pattern import prior, without_defects
-from linescan_odometry.joint.likelihood import Precision, expand
+from linescan_odometry.joint.likelihood import Expansion, Precision, expand
 from linescan_odometry.joint.spectra import independent, whiten
+from linescan_odometry.matching.transforms import load_transforms
 from linescan_odometry.odometry import LineScanOdometry
 from linescan_odometry.sensor import SensorOdometry
 from omni_platform.sensors import LineSensor, sensor_matrix
@@ -162,24 +163,47 @@ def scores_sideways(
     return scores
 
 
-def test_the_observed_curvature_is_the_slope_of_the_newton_step() -> None:
+def expanded(displacement: float) -> tuple[Any, Expansion]:
+    """Return lines in motion across the axis, and the expansion at a displacement [px]."""
+    load_transforms()
     logs = np.log(sideways(3, 1.7, 0.9, 20.0, {3.0: 1.0})).astype(np.float32)
     known = Precision(np.full(307, math.inf), np.zeros(307))
-    here = expand(logs, known, np.array([1.71, 0.0]), PIXELS // 2, CHANGE)
+    return logs, expand(logs, known, np.array([displacement, 0.0]), PIXELS // 2, CHANGE)
+
+
+def shifted(here: Expansion, shift: Any) -> Expansion:
+    """Return an expansion whose spectra are shifted, by a shift per line at each frequency [px]."""
     cut, model = here.cut, here.model
-    turn = np.multiply.outer(model.along[0, cut.line], model.rate)
+    turn = np.multiply.outer(model.along[0, cut.line], model.rate * shift)
+    spectra = (cut.spectra * np.exp(-1j * turn)).astype(np.complex64)
+    white = np.zeros_like(spectra)
+    for i, j in itertools.pairwise(cut.first):
+        whiten(spectra[i:j], model.edges, model.bands, white[i:j])
+    return here._replace(cut=cut._replace(spectra=spectra), white=white)
+
+
+def test_the_observed_curvature_is_the_slope_of_the_newton_step() -> None:
+    _, here = expanded(1.71)
 
     def step(shift: float) -> float:
-        spectra = (cut.spectra * np.exp(-1j * shift * turn)).astype(np.complex64)
-        white = np.zeros_like(spectra)
-        for i, j in itertools.pairwise(cut.first):
-            whiten(spectra[i:j], model.edges, model.bands, white[i:j])
-        product, _ = _moved(here._replace(cut=cut._replace(spectra=spectra), white=white))
-        return float((np.conj(1j * model.rate * spectra) * product).real.sum())
+        there = shifted(here, shift)
+        product, _ = _moved(there)
+        return float((np.conj(1j * here.model.rate * there.cut.spectra) * product).real.sum())
 
     assert step(0.0) == pytest.approx(here.step[0], rel=1e-2)
     slope = (step(1e-3) - step(-1e-3)) / 2e-3
     assert _moved(here)[1] == pytest.approx(-slope, rel=1e-2)
+
+
+def test_the_variance_contains_the_scatter_between_frequency_bands() -> None:
+    logs, here = expanded(1.7)
+    drift = np.zeros(len(here.model.rate))
+    for band, (i, j) in enumerate(itertools.pairwise(here.model.edges)):
+        drift[i:j] = 0.3 * (-1.0) ** band  # px per line; opposite in neighboring bands
+    deviation = math.sqrt(assess(logs, here).variance)
+    drifted = math.sqrt(assess(logs, shifted(here, drift)).variance)
+    assert deviation < 0.05
+    assert 0.1 < drifted < 0.4
 
 
 @pytest.mark.parametrize("displacement", [0.03, 1.34])
