@@ -191,7 +191,8 @@ def _between_bands(here: Expansion, moved: Spectrum, share: Doubles) -> float:
         i, j = edges[b], edges[b + 1]
         errors[b] = (rate[i:j] * turned[i:j]).sum()
     own = errors - share * errors.sum()
-    variance: float = (own * own / (1.0 - share)).sum()  # HC2 of MacKinnon, White (1985)
+    # HC2 of MacKinnon, White (1985); 0 if there is only one band.
+    variance: float = (own * own / np.maximum(1.0 - share, 1e-9)).sum()
     return variance
 
 
