@@ -16,7 +16,7 @@ import sysconfig
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
-from omni_process import WORKSPACE
+from omni_process import WORKSPACE, running
 
 from setup import workspace as places
 
@@ -124,22 +124,14 @@ class Workspace:
             timeout=120,
         )
 
-    @contextlib.contextmanager
-    def background(self, *words: str) -> Iterator[subprocess.Popen[str]]:
-        process = subprocess.Popen(
+    def background(self, *words: str) -> contextlib.AbstractContextManager[subprocess.Popen[str]]:
+        return running(
             self.command(*words),
             cwd=self.root,
             env={**os.environ, "OMNI_ROS": "wheels"},
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            text=True,
         )
-        try:
-            yield process
-        finally:
-            process.kill()
-            process.communicate()
 
     @contextlib.contextmanager
     def locked(self, mode: int) -> Iterator[None]:

@@ -11,6 +11,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
+from typing import Any
 from unittest import mock
 
 from omni_bringup.cli import main
@@ -62,19 +63,20 @@ def omni_here(arguments: Sequence[str]) -> subprocess.CompletedProcess[str]:
 
 
 @contextlib.contextmanager
-def run_process(folder: Path, *words: str) -> Iterator[subprocess.Popen[str]]:
+def running(command: Sequence[str], **options: Any) -> Iterator[subprocess.Popen[str]]:
+    """Run a process whose errors can be read; kill it at the end of the ``with`` block."""
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True, **options) as process:
+        try:
+            yield process
+        finally:
+            process.kill()  # its children may hold the pipe open, so nothing waits for its end
+
+
+def run_process(
+    folder: Path, *words: str
+) -> contextlib.AbstractContextManager[subprocess.Popen[str]]:
     """Run ``omni run`` with its results in a folder; kill it at the end of the ``with`` block."""
-    process = subprocess.Popen(
-        omni_command(["run", *words, "--out", str(folder)]),
-        env=omni_environment(),
-        stderr=subprocess.PIPE,
-        text=True,
-    )
-    try:
-        yield process
-    finally:
-        process.kill()
-        process.wait()
+    return running(omni_command(["run", *words, "--out", str(folder)]), env=omni_environment())
 
 
 @contextlib.contextmanager

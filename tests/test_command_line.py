@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import resource
 import signal
@@ -128,8 +129,11 @@ def test_a_vehicle_that_rolls_on_under_the_pedal_is_a_failed_run(tmp_path: Path)
 def test_an_interrupt_before_anything_has_started(moment: str, tmp_path: Path) -> None:
     # The launcher blocks the signals when it hands over; the new process inherits that.
     blocked = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
-    with run_process(tmp_path / "out", *LATE) as process:
-        signal.pthread_sigmask(signal.SIG_SETMASK, blocked)
+    with contextlib.ExitStack() as running:
+        try:
+            process = running.enter_context(run_process(tmp_path / "out", *LATE))
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, blocked)
         if moment == "importing":
             libraries = Path(f"/proc/{process.pid}/maps")
             wait_until(lambda: "_multiarray_umath" in libraries.read_text())
