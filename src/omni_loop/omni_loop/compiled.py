@@ -22,7 +22,7 @@ from omni_brake_assist.laws.law import NO_HELP, Law, call_law, own_law
 from omni_loop.experiment import ExperimentConfiguration
 from omni_loop.history import RunHistory, without_jumps
 from omni_platform.configuration import ConfigurationError
-from omni_platform.kernels import inlined, kernel, lean
+from omni_platform.kernels import inlined, lean
 from omni_platform.quantities import BoolArray, FloatArray, IntArray
 from omni_platform.signals import MISSING, VALID, ImuSample, TwistSample, WheelSample
 from omni_sim import run_progress, velocity_sensor
@@ -142,7 +142,7 @@ def run_fast_loop(
     assist = assist_state.make_constants(configuration.brake_assist, vehicle.kinematics.geometry)
     memory = assist_state.new_memory(len(vehicle.wheel_names))
     law = own_law(configuration.brake_assist, vehicle.kinematics.geometry)
-    advance = _run_part if law is None else functools.partial(_run_own, law)
+    advance = _run_built_in if law is None else functools.partial(_run_own, law)
     if source is not None:
         advance = functools.partial(_run_measured, source)
     sensors = _sensors(configuration, stamps, len(vehicle.wheel_names))
@@ -250,6 +250,7 @@ def _sensors(configuration: ExperimentConfiguration, stamps: int, wheels: int) -
 class _Scratch(NamedTuple):
     """Buffers for the values of one control stamp, for N wheels."""
 
+    taken: IntArray  # time stamp of the twist [ns], (1,)
     covariance: FloatArray  # (3, 3)
     imu: FloatArray  # (3,)
     wheel_speed: FloatArray  # measured wheel speed [rad/s], (N,)
@@ -262,7 +263,8 @@ class _Scratch(NamedTuple):
 def _new_scratch(wheels: int, steps: int) -> _Scratch:
     imu, speed = np.full(3, np.nan), np.full(wheels, np.nan)
     error, enable = np.empty(wheels), np.empty(wheels)
-    return _Scratch(np.empty((3, 3)), imu, speed, error, enable, steps, np.empty((0, 6)))
+    taken = np.zeros(1, np.int64)
+    return _Scratch(taken, np.empty((3, 3)), imu, speed, error, enable, steps, np.empty((0, 6)))
 
 
 class _Run(NamedTuple):
@@ -277,18 +279,34 @@ class _Run(NamedTuple):
     record: _Record
 
 
+_NOTHING, _SENSED, _ACTED = range(3)
+
+
 @lean
-def _run_part(run: _Run, first: int, last: int) -> tuple[int, int]:
+def _run_part(run: _Run, first: int, last: int, done: int, pauses: bool) -> tuple[int, int]:
     """Run the loop from stamp `first` to the stamp before `last`, and record each stamp.
+
+    Args:
+        run: state of the run.
+        first: first stamp.
+        last: stamp after the last one, whose noise may not have been drawn yet.
+        done: what has been done at the first stamp: `_NOTHING`; `_SENSED` if the twist is in the
+            buffers; `_ACTED` if the enables are in the buffers, too.
+        pauses: whether to return at the next stamp as soon as its sensors have been simulated.
 
     Returns:
         Next stamp; outcome of the run, a constant of `omni_sim.run_progress`.
     """
     for stamp in range(first, last):
-        inputs = _sense(run, stamp)
-        assist_step.assist_step(
-            run.assist, run.memory, inputs, run.scratch.error, run.scratch.enable
-        )
+        if done == _NOTHING or stamp > first:
+            _sense(run, stamp)
+            if pauses:
+                return stamp, run_progress.RUNNING
+        if done != _ACTED:
+            inputs = _compiled_inputs(run, stamp)
+            assist_step.assist_step(
+                run.assist, run.memory, inputs, run.scratch.error, run.scratch.enable
+            )
         outcome = _record_and_advance(run, stamp)
         if outcome != run_progress.RUNNING:
             return stamp + 1, outcome
@@ -296,11 +314,8 @@ def _run_part(run: _Run, first: int, last: int) -> tuple[int, int]:
 
 
 @inlined
-def _sense(run: _Run, stamp: int) -> assist_state.Inputs:
-    """Return the inputs of the assistant at a stamp.
-
-    The sensors are simulated, and the motion and the feedback are recorded.
-    """
+def _sense(run: _Run, stamp: int) -> None:
+    """Simulate the sensors at a stamp, and record the motion and the feedback."""
     state, sensors, loop, scratch = run.state, run.sensors, run.loop, run.scratch
     motion, feedback = run.record.motion[stamp], run.record.feedback[stamp]
     now_ns = stamp * loop.period_ns
@@ -309,7 +324,7 @@ def _sense(run: _Run, stamp: int) -> assist_state.Inputs:
     due = velocity_sensor.samples_now(velocity, held, now_ns)
     draw = sensors.draws[min(sensors.drawn[0], sensors.draws.shape[0] - 1)]
     sensors.drawn[0] += due
-    taken_ns = velocity_sensor.read(velocity, held, now_ns, motion[3:6], draw, feedback)
+    scratch.taken[0] = velocity_sensor.read(velocity, held, now_ns, motion[3:6], draw, feedback)
     if loop.measures:
         tilt = state.body[0].tilt_x, state.body[0].tilt_y
         truth = Truth(stamp, loop.period_ns, motion, tilt, state.wheels)
@@ -317,85 +332,55 @@ def _sense(run: _Run, stamp: int) -> assist_state.Inputs:
         readings = Readings(feedback, scratch.imu, scratch.wheel_speed)
         measure(sensors.instruments, truth, noise, readings)
     velocity_sensor.state_covariance(velocity, feedback, scratch.covariance)
-    return _inputs(run, stamp, taken_ns)
 
 
-@inlined
-def _inputs(run: _Run, stamp: int, taken_ns: int) -> assist_state.Inputs:
-    """Return the inputs of the assistant, which contain the present sensor readings in the buffers.
-
-    Args:
-        run: state of the run.
-        stamp: index of the control stamp.
-        taken_ns: time stamp of the twist [ns].
-    """
+def _inputs(run: _Run, stamp: int) -> assist_state.Inputs:
+    """Return the inputs of the assistant at a stamp, which contain the readings in the buffers."""
     loop, scratch = run.loop, run.scratch
     now_ns, validity = stamp * loop.period_ns, VALID if loop.measures else MISSING
-    twist = TwistSample(taken_ns, run.record.feedback[stamp], scratch.covariance, VALID)
+    twist = TwistSample(scratch.taken[0], run.record.feedback[stamp], scratch.covariance, VALID)
     wheels = WheelSample(now_ns, scratch.wheel_speed, validity)
     imu = ImuSample(now_ns, scratch.imu[0], scratch.imu[1:], validity)
     return assist_state.Inputs(now_ns, loop.pedal[stamp], loop.enabled, GOOD, twist, wheels, imu)
 
 
+_compiled_inputs = inlined(_inputs)
+
+
+def _run_built_in(run: _Run, first: int, last: int) -> tuple[int, int]:
+    """Run the loop with a law and sensors that are compiled."""
+    return _run_part(run, first, last, _NOTHING, False)
+
+
 def _run_measured(source: TwistSource, run: _Run, first: int, last: int) -> tuple[int, int]:
-    """Run the loop like `_run_part`, but with a source of the twist in Python."""
-    _sensed(run, first)
+    """Run the loop with a source of the twist in Python."""
     record, scratch = run.record, run.scratch
-    for stamp in range(first, last):
+    stamp, outcome = _run_part(run, first, last, _NOTHING, True)
+    while stamp < last and outcome == run_progress.RUNNING:
         true = record.motion[stamp, 3:]
         twist = source(stamp * run.loop.period_ns, true, scratch.wheel_speed)
         record.feedback[stamp], scratch.covariance[:] = twist.value, twist.covariance
-        outcome = _finish(run, stamp, last, twist.stamp_ns)
-        if outcome != run_progress.RUNNING:
-            return stamp + 1, outcome
-    return last, run_progress.RUNNING
-
-
-@kernel
-def _sensed(run: _Run, stamp: int) -> assist_state.Inputs:
-    """Return the result of `_sense`; Python code cannot call `_sense`, because it is inlined."""
-    return _sense(run, stamp)
-
-
-@lean
-def _finish(run: _Run, stamp: int, last: int, taken_ns: int) -> int:
-    """Finish the step at a stamp with the twist in the buffers, and sense at the next stamp.
-
-    Args:
-        run: state of the run.
-        stamp: index of the control stamp.
-        last: first stamp at which this function does not sense, because its noise has not been
-            drawn yet.
-        taken_ns: time stamp of the twist [ns].
-
-    Returns:
-        Outcome of the run, a constant of `omni_sim.run_progress`.
-    """
-    inputs = _inputs(run, stamp, taken_ns)
-    assist_step.assist_step(run.assist, run.memory, inputs, run.scratch.error, run.scratch.enable)
-    outcome = _record_and_advance(run, stamp)
-    if outcome == run_progress.RUNNING and stamp + 1 < last:
-        _sense(run, stamp + 1)
-    return outcome
+        scratch.taken[0] = twist.stamp_ns
+        stamp, outcome = _run_part(run, stamp, last, _SENSED, True)
+    return stamp, outcome
 
 
 def _run_own(law: Law, run: _Run, first: int, last: int) -> tuple[int, int]:
-    """Run the loop like `_run_part`, but with a user's law in Python.
+    """Run the loop with a user's law in Python.
 
     The law is called between the two compiled halves of a step, `receive` and `act`.
     """
     error, enable = run.scratch.error, run.scratch.enable
-    for stamp in range(first, last):
-        inputs = _sensed(run, stamp)
+    stamp, outcome = _run_part(run, first, last, _NOTHING, True)
+    while stamp < last and outcome == run_progress.RUNNING:
+        inputs = _inputs(run, stamp)
         error[:] = 0.0
         ready, motion = assist_step.receive(run.assist, run.memory, inputs)
         answer, _ = call_law(law, motion, error, enable) if ready else (NO_HELP, "")
         called = assist_state.LawCall(ready, motion, answer)
         assist_step.act(run.assist, run.memory, inputs, called, error, enable)
-        outcome = _record_and_advance(run, stamp)
-        if outcome != run_progress.RUNNING:
-            return stamp + 1, outcome
-    return last, run_progress.RUNNING
+        stamp, outcome = _run_part(run, stamp, last, _ACTED, True)
+    return stamp, outcome
 
 
 @inlined
