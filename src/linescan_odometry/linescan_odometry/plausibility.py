@@ -9,7 +9,7 @@ the sensor for a limited time only.
 import numpy as np
 
 from linescan_odometry.matching.search import PairDisplacements
-from omni_platform.kernels import njit
+from omni_platform.kernels import kernel
 from omni_platform.quantities import BoolArray, FloatArray
 from omni_platform.sensors import LineSensor
 
@@ -79,7 +79,7 @@ class Plausibility:
         self._stamp_ns = stamp_ns - 0.5 * self._period_ns * (lines - 1)
 
 
-@njit(cache=True)
+@kernel
 def _mark(
     displacement: FloatArray,
     newest_ns: float,

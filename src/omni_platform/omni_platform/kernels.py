@@ -23,7 +23,7 @@ from omni_platform.compilation.cache import KernelCache
 from omni_platform.compilation.calls import linked
 from omni_platform.compilation.machine_code import defer_machine_code
 
-__all__ = ["inlined", "kernel", "lean", "lean_inline", "linked", "njit"]
+__all__ = ["declares", "inlined", "kernel", "lean", "lean_inline", "linked", "njit"]
 
 _F = TypeVar("_F", bound=Callable[..., Any])
 
@@ -79,17 +79,18 @@ _defer_reference_counts()
 defer_machine_code()
 
 
-def _declares(**options: Any) -> Callable[[_F], _F]:
-    """Return a decorator that declares a kernel with these options of numba.
+def declares(
+    *, cache: bool = True, error_model: str = "numpy", nrt: bool = True, **options: Any
+) -> Callable[[_F], _F]:
+    """Return a decorator that declares a kernel with further options of numba, such as `fastmath`.
 
     A call from Python requires an entry point that converts the arguments. Compiling the entry
     point takes a quarter of the compilation time. The decorator therefore makes two dispatchers of
     a function: one with the entry point, for Python, and one without it, for other kernels. A
     dispatcher compiles nothing until it is called.
     """
-    declare = functools.partial(
-        njit, cache=True, nogil=True, error_model="numpy", no_cfunc_wrapper=True, **options
-    )
+    options = {"error_model": error_model, "no_cfunc_wrapper": True, **options, "_nrt": nrt}
+    declare = functools.partial(njit, cache=cache, nogil=True, **options)
 
     def decorate(function: _F) -> _F:
         entry = declare()(function)
@@ -101,14 +102,14 @@ def _declares(**options: Any) -> Callable[[_F], _F]:
     return decorate
 
 
-kernel = _declares(_nrt=True)
+kernel = declares()
 """Declares a kernel that creates or returns arrays."""
 
-lean = _declares(_nrt=False)
+lean = declares(nrt=False)
 """Declares a kernel that neither creates nor returns arrays and calls only kernels of this kind."""
 
-lean_inline = _declares(forceinline=True, _nrt=False)
+lean_inline = declares(forceinline=True, nrt=False)
 """Declares a lean kernel that is inlined into its callers; for kernels with many arguments."""
 
-inlined = _declares(inline="always", _nrt=False)
+inlined = declares(inline="always", nrt=False)
 """Declares a function that numba inlines into the kernels that call it."""

@@ -28,7 +28,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from omni_platform.kernels import kernel, njit
+from omni_platform.kernels import kernel
 from omni_platform.quantities import FloatArray, IntArray
 from omni_platform.signals import Lines
 
@@ -149,7 +149,7 @@ def running_sums(lines: Lines) -> IntArray:
     return sums
 
 
-@njit(cache=True)
+@kernel
 def _match(
     batch: _Batch,
     whole: _Range,
@@ -179,7 +179,7 @@ def _match(
         before[0], before[1] = found, 1 if r >= _CREDIBLE else 0
 
 
-@njit(cache=True)
+@kernel
 def _best(batch: _Batch, pair: int, within: _Range) -> int:
     """Return the shift of a line pair with the smallest distance [px].
 
@@ -204,7 +204,7 @@ def _best(batch: _Batch, pair: int, within: _Range) -> int:
     return best_shift
 
 
-@njit(cache=True)
+@kernel
 def _distance(batch: _Batch, pair: int, s: int) -> float:
     """Return the distance measure of a line pair at shift `s` [px], infinite if undefined."""
     kind, lines, codes, sums, ranks = batch
@@ -235,7 +235,7 @@ def _distance(batch: _Batch, pair: int, s: int) -> float:
     return distance
 
 
-@njit(cache=True)
+@kernel
 def correlation(lines: Lines, sums: IntArray, pair: int, s: int, undefined: float = -1.0) -> float:
     """Return Pearson's correlation (81) of a pair at shift `s` [px].
 
@@ -255,7 +255,7 @@ def correlation(lines: Lines, sums: IntArray, pair: int, s: int, undefined: floa
     return r
 
 
-@njit(cache=True)
+@kernel
 def _product(x: Lines, y: Lines) -> int:
     """Return the sum of ``x_i y_i`` over the pixels i of two parts of lines, shape (N,) each.
 
@@ -272,7 +272,7 @@ def _product(x: Lines, y: Lines) -> int:
     return wide  # type: ignore[return-value]
 
 
-@njit(cache=True)
+@kernel
 def _differences(x: Lines, y: Lines) -> int:
     """Return the sum of ``|x_i - y_i|`` over the pixels i of two parts of lines, shape (N,) each.
 
@@ -284,7 +284,7 @@ def _differences(x: Lines, y: Lines) -> int:
     return np.int64(total)  # type: ignore[return-value]
 
 
-@njit(cache=True)
+@kernel
 def _rank_correlation(x: Lines, y: Lines, ranks: IntArray) -> float:
     """Return the rank correlation of two parts of lines; minus infinity if a part is constant.
 
@@ -305,7 +305,7 @@ def _rank_correlation(x: Lines, y: Lines, ranks: IntArray) -> float:
     return total / math.sqrt(np.float64(variance_x) * np.float64(variance_y))
 
 
-@njit(cache=True)
+@kernel
 def _rank(part: Lines, ranks: IntArray) -> int:
     """Write the centered ranks of the gray levels in part of a line to `ranks`.
 

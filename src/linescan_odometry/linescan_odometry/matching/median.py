@@ -11,11 +11,11 @@ sqrt(m).
 
 import numpy as np
 
-from omni_platform.kernels import njit
+from omni_platform.kernels import kernel
 from omni_platform.quantities import BoolArray, FloatArray
 
 
-@njit(cache=True)
+@kernel
 def mark_inliers(
     displacement: FloatArray,
     usable: BoolArray,
@@ -72,7 +72,7 @@ def find_inliers(
     return inlier, np.count_nonzero(inlier) / len(inlier)
 
 
-@njit(cache=True)
+@kernel
 def average(displacement: FloatArray, inlier: BoolArray, weight: FloatArray) -> float:
     """Return the mean of the inliers, corrected for acceleration.
 

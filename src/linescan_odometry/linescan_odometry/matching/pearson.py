@@ -10,14 +10,14 @@ rounding of the FFT or on the grouping of lines into batches.
 """
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from linescan_odometry.matching.direct import correlation, running_sums
 from linescan_odometry.matching.transforms import load_transforms, transform_size
-from omni_platform.kernels import kernel, njit
+from omni_platform.kernels import declares, kernel
 from omni_platform.signals import Lines
 
 Floats = NDArray[np.float32]
@@ -107,7 +107,7 @@ def _match(
         similarity[pair] = best
 
 
-@njit(nogil=True, error_model="numpy", fastmath=_REORDER)
+@declares(cache=False, fastmath=_REORDER)
 def _prepare(lines: Lines, sums: NDArray[np.int64], padded: Floats, ends: _Ends) -> None:
     """Write each line minus its mean to `padded`, and sums over both ends of the line to `ends`.
 
@@ -139,8 +139,8 @@ def _prepare(lines: Lines, sums: NDArray[np.int64], padded: Floats, ends: _Ends)
                 scale[s] = root if variance > np.float32(0.0) else np.float32(0.0)
 
 
-@njit(nogil=True, error_model="numpy", fastmath=_REORDER)
-def _cross_spectra(spectra: NDArray[np.complex64]) -> None:
+@declares(cache=False, fastmath=_REORDER)
+def _cross_spectra(spectra: NDArray[np.complexfloating[Any, Any]]) -> None:
     """Multiply the spectrum of each line by the conjugate spectrum of the next line, in place.
 
     The spectrum of the last line does not change.
@@ -156,7 +156,7 @@ def _cross_spectra(spectra: NDArray[np.complex64]) -> None:
             old[k] = complex(a.real * b.real + a.imag * b.imag, a.imag * b.real - a.real * b.imag)
 
 
-@njit(nogil=True, error_model="numpy", fastmath=_REORDER)
+@declares(cache=False, fastmath=_REORDER)
 def _bound(product: Floats, ends: _Ends, pair: int, pixels: int, upper: Floats) -> np.float32:
     """Write upper bounds on a pair's correlation at all shifts; return the largest lower bound.
 

@@ -29,7 +29,7 @@ import math
 
 import numpy as np
 
-from omni_platform.kernels import kernel, njit
+from omni_platform.kernels import declares, kernel
 from omni_platform.quantities import Float32Array, FloatArray, IntArray
 from omni_platform.signals import Lines
 
@@ -117,7 +117,7 @@ def _refine(
             displacement[pair], errors[pair] = s, math.inf
 
 
-@njit(nogil=True, error_model="numpy", fastmath=_REORDER)
+@declares(cache=False, fastmath=_REORDER)
 def _equalize(part: Lines, out: Float32Array) -> None:
     """Write part of a line to `out`, scaled to mean 0 and variance 1; zeros if it is constant."""
     mean, squares = part.mean(), 0.0
@@ -128,7 +128,7 @@ def _equalize(part: Lines, out: Float32Array) -> None:
         out[i] = np.float32(scale * (part[i] - mean))
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _make_filters(fraction: float, sigma: float, filters: Float32Array) -> None:
     """Write the smoothing filter and the derivative filter of each line to `filters`.
 
@@ -146,7 +146,7 @@ def _make_filters(fraction: float, sigma: float, filters: Float32Array) -> None:
             filters[2 * side, k], filters[2 * side + 1, k] = weight, weight * u / sigma
 
 
-@njit(nogil=True, error_model="numpy", fastmath=_REORDER)
+@declares(cache=False, fastmath=_REORDER)
 def _filter(both: Float32Array, filters: Float32Array, filtered: Float32Array) -> None:
     """Apply two filters to each of two lines, and write the results to `filtered`.
 
@@ -164,7 +164,7 @@ def _filter(both: Float32Array, filters: Float32Array, filtered: Float32Array) -
             out[i] = total
 
 
-@njit(nogil=True, error_model="numpy", fastmath=_REORDER)
+@declares(cache=False, fastmath=_REORDER)
 def _step(filtered: Float32Array, errors: FloatArray) -> float:
     """Return a Gauss-Newton step [px], and write its error due to each part to `errors`.
 

@@ -10,7 +10,7 @@ import math
 
 import numpy as np
 
-from omni_platform.kernels import njit
+from omni_platform.kernels import declares, kernel
 from omni_platform.quantities import Float32Array
 from omni_platform.signals import Lines
 
@@ -64,22 +64,21 @@ class Keyframe:
         span = len(lines) - 1
         pixels = lines.shape[1]
         self._shift += span * displacement
+        gradient = self._gradient
         if (
-            self._gradient is None
+            gradient is None
             or abs(self._shift) > _REACH * pixels
             or not 0.0 < 1e-9 * (stamp_ns - self._stamp_ns) < _LONGEST
         ):
             first = 0
             if abs(span * displacement) > _REACH * pixels:
                 first = span - max(1, int(_REACH * pixels / abs(displacement)))
-            self._remember(lines[first])
+            gradient = self._remember(lines[first])
             self._stamp_ns = stamp_ns - round((span - first) * period_ns)
             self._shift = (span - first) * displacement
         # A periodic ground leaves the view and returns, whereas an oblique texture never leaves it.
         # To distinguish the two, the lines in between are compared too.
-        near, far = _compare(
-            lines, self._step, self._shift, displacement, EXCESS**2, self._gradient
-        )
+        near, far = _compare(lines, self._step, self._shift, displacement, EXCESS**2, gradient)
         persistence = max(0.0, far) / max(near, EXCESS)
         if persistence < EXCESS:
             self._gradient = None  # a periodic ground would match again later
@@ -87,13 +86,14 @@ class Keyframe:
             return 0.0, 0.0
         return 1e-9 * (stamp_ns - self._stamp_ns), persistence
 
-    def _remember(self, line: Lines | Float32Array) -> None:
+    def _remember(self, line: Lines | Float32Array) -> Float32Array:
         gradient: Float32Array = np.empty((3, len(line) - 2 * self._step + 1), np.float32)
         _differentiate(line, self._step, gradient[0])
         self._gradient = gradient
+        return gradient
 
 
-@njit(cache=True)
+@kernel
 def _differentiate(line: Lines | Float32Array, step: int, gradient: Float32Array) -> None:
     """Write to `gradient`, for each position, the sum of the next `step` pixels minus the last."""
     ahead, behind = 0.0, 0.0
@@ -108,7 +108,7 @@ def _differentiate(line: Lines | Float32Array, step: int, gradient: Float32Array
         gradient[i] = ahead - behind
 
 
-@njit(cache=True, nogil=True, fastmath={"reassoc", "contract", "nsz"})
+@declares(error_model="python", fastmath={"reassoc", "contract", "nsz"})
 def _compare(
     lines: Lines | Float32Array,
     step: int,

@@ -15,7 +15,7 @@ import statistics
 
 import numpy as np
 
-from omni_platform.kernels import njit
+from omni_platform.kernels import kernel
 from omni_platform.quantities import Float32Array
 from omni_platform.signals import Lines
 from omni_sim.camera.configuration import FULL_SCALE, CameraConfiguration
@@ -74,7 +74,7 @@ def _quantiles(deviation: float) -> Float32Array:
     return values.astype(np.float32) * np.float32(deviation)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _expose(
     grays: Float32Array,
     response: Float32Array,

@@ -12,7 +12,7 @@ from typing import Protocol
 
 import numpy as np
 
-from omni_platform.kernels import njit
+from omni_platform.kernels import kernel
 from omni_platform.quantities import Float32Array, FloatArray, IntArray
 
 
@@ -248,7 +248,7 @@ def _places(texels: int, nodes: int) -> tuple[IntArray, Float32Array]:
     return node, (t * t * (3.0 - 2.0 * t)).astype(np.float32)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _voronoi(
     band: Float32Array,
     first_row: int,
@@ -296,7 +296,7 @@ def _voronoi(
             band[row, column] = border_gray + (shade - border_gray) * t
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _add_noise(
     band: Float32Array,
     lattice: Float32Array,
@@ -318,7 +318,7 @@ def _add_noise(
             band[row, column] += mixed[i] + (mixed[i + 1] - mixed[i]) * column_blend[column]
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _bent(band: Float32Array, first_row: int, profile: Float32Array, shift: Float32Array) -> None:
     """Set each texel to the gray level that a profile has at the texel's displaced position y.
 
@@ -340,7 +340,7 @@ def _bent(band: Float32Array, first_row: int, profile: Float32Array, shift: Floa
             band[row, column] = profile[i] + (profile[j] - profile[i]) * (place - node)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _dead_leaves(band: Float32Array, first_row: int, leaves: FloatArray, softness: float) -> None:
     texels = band.shape[1]
     rows = len(band)

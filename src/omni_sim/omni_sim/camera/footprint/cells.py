@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from omni_platform.kernels import njit
+from omni_platform.kernels import inlined, kernel
 from omni_platform.quantities import Float32Array, FloatArray, Int32Array
 from omni_sim.camera.footprint.rows import CLASSES, HALF, ONE, POINT
 
@@ -32,7 +32,7 @@ class Edges(NamedTuple):
     middle: np.float32
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def merge_classes(totals: Int32Array, count: int, cells: Int32Array) -> None:
     """Merge the row sums of the four classes into cells of a quarter texel.
 
@@ -55,7 +55,7 @@ def merge_classes(totals: Int32Array, count: int, cells: Int32Array) -> None:
             into[c] = np.int32(before[c] + own[c + _1] - own[c])
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def refine(cells: Int32Array, refined: Int32Array, n: int, height: int) -> None:
     """Compensate for the blur that the texels of a coarse texture cause.
 
@@ -95,7 +95,7 @@ def refine(cells: Int32Array, refined: Int32Array, n: int, height: int) -> None:
         refined <<= spare
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def sum_cells(cells: Int32Array, count: int, integral: FloatArray) -> None:
     """Set ``integral[q, c]`` to the sum of all cells before cell q of column c, for c < `count`.
 
@@ -114,7 +114,7 @@ def sum_cells(cells: Int32Array, count: int, integral: FloatArray) -> None:
             into[c] = before[c] + cell[c]
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def read_pixels(integral: FloatArray, edges: Edges, values: FloatArray, line: Float32Array) -> None:
     """Set each pixel to the difference of the integral between its two edges.
 
@@ -140,7 +140,7 @@ def read_pixels(integral: FloatArray, edges: Edges, values: FloatArray, line: Fl
         line[pixel] = np.float32((values[pixel + 1] - values[pixel]) * scale) + middle
 
 
-@njit(cache=True, nogil=True, inline="always")
+@inlined
 def _reading(integral: FloatArray, at: int) -> float:
     """Return the integral at a position [cells, fixed point], interpolated linearly."""
     cell = at >> POINT
@@ -151,7 +151,7 @@ def _reading(integral: FloatArray, at: int) -> float:
     return value
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def reverse(line: Float32Array) -> None:
     """Reverse a line in place."""
     last = len(line) - 1

@@ -25,7 +25,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from omni_platform.kernels import njit
+from omni_platform.kernels import kernel
 from omni_platform.quantities import Float32Array, FloatArray, Int8Array, Int16Array, Int32Array
 from omni_sim.camera.footprint import cells, rows
 from omni_sim.camera.footprint.blocks import BLOCK
@@ -87,7 +87,7 @@ def integrate_lines(
     return lines
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _integrate(
     ground: PaddedTexture,
     centers: FloatArray,
@@ -119,7 +119,7 @@ def _integrate(
             cells.reverse(lines[line])
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _scratch(half_length: float, half_width: float, pixels: int) -> _Scratch:
     """Return the buffers for one line.
 
@@ -150,7 +150,7 @@ def _scratch(half_length: float, half_width: float, pixels: int) -> _Scratch:
     )
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _integrate_line(
     ground: PaddedTexture,
     texture: Int8Array,
@@ -211,7 +211,7 @@ def _integrate_line(
     _read_line(ground, scratch, (count, height), tangent, (half, origin + 0.5 - rest), line)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _add_rows(
     ground: PaddedTexture,
     texture: Int8Array,
@@ -243,7 +243,7 @@ def _add_rows(
     rows.add_edges(texture, cover, placed.offsets, scratch.totals[rows.HALF, :count])
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _read_line(
     ground: PaddedTexture,
     scratch: _Scratch,

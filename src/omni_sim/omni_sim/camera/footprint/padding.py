@@ -15,13 +15,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omni_platform.configuration import ConfigurationError
-from omni_platform.kernels import njit
+from omni_platform.kernels import kernel
 from omni_platform.sensors import LineSensor
 from omni_sim.camera.footprint import blocks
 from omni_sim.texture.texture import GroundTexture
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def average_texels(gray: NDArray[np.uint8], middle: int, averages: NDArray[np.int8]) -> None:
     """Average a texture over coarser texels, and write the rounded means minus `middle`.
 

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from omni_platform.kernels import njit
+from omni_platform.kernels import inlined, kernel
 from omni_platform.quantities import Int8Array, Int16Array, Int32Array, IntArray
 from omni_sim.camera.footprint import blocks
 from omni_sim.camera.footprint.blocks import BLOCK
@@ -94,7 +94,7 @@ class Rows(NamedTuple):
     used: IntArray
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def place_rows(texels: int, stride: int, placement: Placement, rows: Rows) -> None:
     """Write the texture index of each row's texel in column 0, and the class of each row.
 
@@ -132,7 +132,7 @@ def place_rows(texels: int, stride: int, placement: Placement, rows: Rows) -> No
         row = texels - 1 if downwards else 0
 
 
-@njit(cache=True, nogil=True, inline="always")
+@inlined
 def _rounding(row: int) -> int:
     """Return the fixed-point number that is added to a row's shift before the sum is rounded down.
 
@@ -141,7 +141,7 @@ def _rounding(row: int) -> int:
     return (1 + 4 * (row & 1) + (row & 2)) << (POINT - 3)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def bound_rows(cover: Cover, count: int, rows: Rows) -> None:
     """Write to `rows` the range of columns, out of `count`, that covers each row completely.
 
@@ -169,7 +169,7 @@ def bound_rows(cover: Cover, count: int, rows: Rows) -> None:
         ends[j] = min(behind, count)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def list_rows(count: int, rows: Rows) -> None:
     """Write, for each class, the rows that are covered completely in any of `count` columns.
 
@@ -195,7 +195,7 @@ def list_rows(count: int, rows: Rows) -> None:
         listed[cls, used : used + GROUP] = none
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def add_rows(
     texture: Int8Array, rows: Rows, cls: int, sums: Int16Array, totals: Int32Array
 ) -> None:
@@ -222,7 +222,7 @@ def add_rows(
             totals[c] += np.int32(sums[c]) << WEIGHT_BITS
 
 
-@njit(cache=True, nogil=True, inline="always")
+@inlined
 def _add_four_rows(
     texture: Int8Array, rows: Rows, listed: IntArray, count: int, sums: Int16Array
 ) -> None:
@@ -246,7 +246,7 @@ def _add_four_rows(
         blocks.add_four_between(sums, c, texture, offsets, (starts, ends))
 
 
-@njit(cache=True, nogil=True, inline="always")
+@inlined
 def _four(numbers: IntArray, listed: IntArray) -> tuple[int, int, int, int]:
     """Return the entries of `numbers` for the first four listed rows."""
     return (
@@ -257,7 +257,7 @@ def _four(numbers: IntArray, listed: IntArray) -> tuple[int, int, int, int]:
     )
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def add_edges(texture: Int8Array, cover: Cover, offsets: IntArray, totals: Int32Array) -> None:
     """Add to each column's total the weighted texels of the two rows that it covers only in part.
 
