@@ -1,10 +1,16 @@
-"""Imports and time that the declaration of kernels needs."""
+"""Imports and code that the declaration of kernels needs."""
 
 from __future__ import annotations
 
 import subprocess
 import sys
 from pathlib import Path
+
+import numpy as np
+import pytest
+
+from omni_platform.kernels import njit
+from omni_platform.quantities import FloatArray
 
 _PROGRAM = """
 import sys
@@ -39,3 +45,15 @@ def test_only_who_needs_them_loads_products_of_matrices_and_transforms(tmp_path:
         [sys.executable, program], capture_output=True, text=True, check=True, timeout=120
     )
     assert result.stdout.split() == ["False", "False", "4.0", "4.0"]
+
+
+def _store(into: FloatArray, values: FloatArray) -> None:
+    into[1:] = values
+
+
+def test_an_array_of_another_shape_is_refused_without_code_that_formats_shapes() -> None:
+    store = njit(_store)
+    with pytest.raises(ValueError, match="cannot assign an array to a slice of another shape"):
+        store(np.zeros(4), np.zeros(5))
+    (code,) = store.inspect_llvm().values()
+    assert "unicode" not in code
