@@ -23,8 +23,7 @@ from omni_brake_assist.assist_state import Constants, Inputs, LawCall, Memory
 from omni_brake_assist.fail_safe import since
 from omni_brake_assist.filter_bank import state as bank_state
 from omni_brake_assist.filter_bank.bank import estimate
-from omni_brake_assist.laws import built_in
-from omni_brake_assist.laws.law import ASSIST, FAILED, HELD, NO_HELP, NO_WHEEL, Motion
+from omni_brake_assist.laws import built_in, law
 from omni_brake_assist.monitors import brake_monitor, effect_monitor
 from omni_platform.kernels import inlined, kernel, lean, lean_inline, linked
 from omni_platform.quantities import FloatArray
@@ -56,14 +55,16 @@ def assist_step(
     """
     error[:] = 0.0
     ready, motion = _receive(constants, memory, inputs)
-    answer = NO_HELP
+    answer = law.NO_HELP
     if ready:
         answer = built_in.step(constants.laws, memory.laws, motion, error, enable)
+        if answer == law.ASSIST and not law.is_valid(error, enable):
+            answer = law.FAILED
     return int(act(constants, memory, inputs, LawCall(ready, motion, answer), error, enable))
 
 
 @kernel
-def receive(constants: Constants, memory: Memory, inputs: Inputs) -> tuple[bool, Motion]:
+def receive(constants: Constants, memory: Memory, inputs: Inputs) -> tuple[bool, law.Motion]:
     """Check the inputs, estimate the motion, and update the line of motion.
 
     Args:
@@ -79,7 +80,7 @@ def receive(constants: Constants, memory: Memory, inputs: Inputs) -> tuple[bool,
 
 
 @inlined
-def _receive(constants: Constants, memory: Memory, inputs: Inputs) -> tuple[bool, Motion]:
+def _receive(constants: Constants, memory: Memory, inputs: Inputs) -> tuple[bool, law.Motion]:
     """Compute the result of `receive`; kernels of this module can inline this function."""
     step, line, feedback = memory.step[0], memory.line[0], inputs.feedback
     braking = inputs.pedal >= constants.pedal_threshold
@@ -133,7 +134,7 @@ def _receive(constants: Constants, memory: Memory, inputs: Inputs) -> tuple[bool
     step.assisting = ready or (step.assisting and braking)
     p_x, p_y = braking_line.perpendicular(line)
     failed, pedal, speeds = step.dead - 1, inputs.pedal, memory.law_speeds
-    return ready, Motion(first, dt, v_x, v_y, yaw_rate, p_x, p_y, pedal, speeds, failed)
+    return ready, law.Motion(first, dt, v_x, v_y, yaw_rate, p_x, p_y, pedal, speeds, failed)
 
 
 @inlined
@@ -231,7 +232,7 @@ def _watch(
     if step.dead == 0:
         dead = brake_monitor.watch_brakes(constants.brakes, memory.brakes, dt, pedal, wheels, twist)
         step.dead = dead + 1
-        if dead != NO_WHEEL:
+        if dead != law.NO_WHEEL:
             step.assisting = False  # the memory of the law assumes a working brake
 
 
@@ -288,14 +289,11 @@ def _outcome(
     if ready:
         answer = _hold(memory, answer, error, enable)
     slow = ready and _is_slow(constants, memory.step[0], motion)
-    helps = ready and answer == ASSIST
-    if answer == FAILED:
+    helps = ready and answer == law.ASSIST
+    if answer == law.FAILED:
         fail_safe.close_gate(memory.gate[0], conditions.INTERNAL_ERROR, 0.0, 0.0, 0.0)
         error[:] = 0.0
     if helps:
-        if not _are_shares(error, enable):
-            fail_safe.close_gate(memory.gate[0], conditions.LAW_ERROR, 0.0, 0.0, 0.0)
-            error[:] = 0.0
         helps = _is_any_on(enable, motion.failed_brake)  # so that the vehicle never rolls unbraked
     step = memory.step[0]
     step.fault = _first_fault(step, memory.gate[0].cause, inputs.outside, constants.laws.replans)
@@ -345,10 +343,10 @@ def _hold(memory: Memory, answer: int, error: FloatArray, enable: FloatArray) ->
         Result of the law in its last call, such as ASSIST.
     """
     step, held = memory.step[0], memory.held
-    if answer != HELD:
+    if answer != law.HELD:
         step.answer = answer
     for i in range(enable.size):
-        if answer != HELD:
+        if answer != law.HELD:
             held[0, i], held[1, i] = error[i], enable[i]
         error[i], enable[i] = held[0, i], held[1, i]
     return int(step.answer)
@@ -364,15 +362,7 @@ def _is_any_on(enable: FloatArray, failed: int) -> bool:
 
 
 @lean
-def _are_shares(error: FloatArray, enable: FloatArray) -> bool:
-    good = True
-    for i in range(enable.size):
-        good &= 0.0 <= enable[i] <= 1.0 and math.isfinite(error[i])
-    return good
-
-
-@lean
-def _is_slow(constants: Constants, step: Any, motion: Motion) -> bool:
+def _is_slow(constants: Constants, step: Any, motion: law.Motion) -> bool:
     """Return whether the fastest wheel center, Eq. (38), is slower than the speed threshold.
 
     If it was already slower in the last step, the hysteresis is added to the threshold. During dead

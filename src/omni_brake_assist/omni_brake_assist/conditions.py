@@ -41,7 +41,7 @@ class AssistState(enum.Enum):
     IMPLAUSIBLE_FEEDBACK = "implausible_feedback"
     CONTRADICTED_FEEDBACK = "contradicted_feedback"
     BELOW_SPEED_THRESHOLD = "below_speed_threshold"
-    NO_RELEASE = "no_release"  # the control law releases no brake
+    NO_RELEASE = "no_release"  # the control law releases all brakes or none
     FAILED_BRAKE = "failed_brake"  # a wheel rolls freely although its brake should act
     DEAD_RECKONING = "dead_reckoning"  # assisting with IMU and wheel speeds, without a valid twist
     ASSISTING = "assisting"
@@ -127,7 +127,6 @@ class Condition(NamedTuple):
     UNKNOWN_WHEEL,
     SECOND_PUBLISHER,
     INTERNAL_ERROR,
-    LAW_ERROR,
     NO_EFFECT,
     SILENCE,
     DEMAND_BACK,
@@ -155,11 +154,11 @@ class Condition(NamedTuple):
     REPLANNED,
     DEAD_RECKONING,
     ASSISTING,
-) = range(36)
+) = range(35)
 GOOD = ASSISTING
 """Condition without a fault."""
-INPUTS_VALID = GOOD, INTERNAL_ERROR, LAW_ERROR
-"""Conditions in which no input has a fault; in the last two, the control law fails."""
+INPUTS_VALID = GOOD, INTERNAL_ERROR
+"""Conditions in which no input has a fault; in the last one, the control law fails."""
 
 _S = AssistState
 _FAILED = "the brake of {wheel} does not act (check brake, valve and wiring)"
@@ -175,8 +174,11 @@ CONDITIONS: tuple[Condition, ...] = (
     Condition(_S.NO_DEMAND, ERROR),
     Condition(_S.UNKNOWN_WHEEL, ERROR),
     Condition(_S.SECOND_PUBLISHER, ERROR),
-    Condition(_S.INTERNAL_ERROR, ERROR),
-    Condition(_S.INTERNAL_ERROR, ERROR, "control law returned an enable outside [0, 1]"),
+    Condition(
+        _S.INTERNAL_ERROR,
+        ERROR,
+        "control law returned an enable outside [0, 1] or an error that is not finite",
+    ),
     Condition(_S.NO_EFFECT, ERROR, _NO_EFFECT + _LATCHED),
     Condition(_S.STALE_FEEDBACK, ERROR),
     Condition(_S.TIME_JUMP, WARNING, "the stamp of the demand decreased by {value:.4g} s"),
@@ -234,7 +236,8 @@ CONDITIONS: tuple[Condition, ...] = (
     Condition(
         _S.NO_RELEASE,
         OK,
-        "control law releases no brake: no error is negative, or too few wheel speeds are known",
+        "control law would release every brake, for example because no error is negative, or too "
+        "few wheel speeds are known",
     ),
     Condition(_S.FAILED_BRAKE, ERROR, _FAILED + _LATCHED),
     Condition(

@@ -6,11 +6,10 @@ the share of the brake pressure that should pass. The fail-safe reactions are in
 law needs no such reactions.
 """
 
+import math
 import sys
 import traceback
 from typing import NamedTuple, Protocol
-
-import numpy as np
 
 from omni_brake_assist.configuration import LAW_GROUP, LAWS, BrakeAssistConfiguration
 from omni_platform.geometry import PlatformGeometry
@@ -69,16 +68,26 @@ class Law(Protocol):
 
         Args:
             motion: motion of the vehicle and its wheels.
-            error: output, error of each wheel as the law defines it [m/s], shape (N,); only
-                recorded.
-            enable: output, share of the brake pressure that passes, 0 to 1, shape (N,).
+            error: output, error of each wheel as the law defines it [m/s], finite, shape (N,);
+                only recorded.
+            enable: output, share of the brake pressure that passes, 0 to 1, shape (N,). If all
+                are 0, the assistant puts all brakes on.
 
         Returns:
             ASSIST or None to apply the enables, NO_HELP to put all brakes on.
         """
 
 
-_reported: set[type] = set()  # laws whose first error has been printed
+_shown: set[tuple[type, int]] = set()  # laws and those of their results that have been printed
+
+
+@lean
+def is_valid(error: FloatArray, enable: FloatArray) -> bool:
+    """Return whether every error that a law has written is finite and every enable in [0, 1]."""
+    valid = True
+    for i in range(enable.size):
+        valid &= 0.0 <= enable[i] <= 1.0 and math.isfinite(error[i])
+    return bool(valid)
 
 
 def call_law(
@@ -88,41 +97,42 @@ def call_law(
 
     The result is a constant of this module, such as ASSIST. The message is empty unless the result
     is FAILED. If the law may release brakes (`enabled`), this function also prints the first error
-    to standard error, with the lines of the law's file at which the error occurred.
+    to standard error, with the lines of the law's file at which the error occurred. It also prints
+    a sentence when the law releases every wheel for the first time.
     """
     if not is_new(motion):
         return HELD, ""
     try:
         answer = law.step(motion, error, enable)
-        if not np.all((enable >= 0.0) & (enable <= 1.0)):  # also false for NaN
-            raise ValueError(f"the law returned an enable outside [0, 1]: {enable.tolist()}")
-        if answer is None:
-            return ASSIST, ""
-        if type(answer) is not int or answer not in (ASSIST, NO_HELP):
+        if not is_valid(error, enable):
+            raise ValueError(
+                f"the law wrote the enables {enable.tolist()}, must be within [0, 1], and the "
+                f"errors {error.tolist()}, must be finite"
+            )
+        if answer is not None and (type(answer) is not int or answer not in (ASSIST, NO_HELP)):
             raise ValueError(
                 f"step returned {answer!r}, must be None, ASSIST or NO_HELP; step writes the "
                 "shares of the brake pressure into enable"
             )
-        return answer, ""
     except (Exception, SystemExit) as problem:  # no error of a law may release a brake
         if enabled:
-            _report(law, problem)
+            frames = traceback.extract_tb(problem.__traceback__)[1:]  # without this function
+            lines = traceback.format_list(frames) + traceback.format_exception_only(problem)
+            _show(law, FAILED, "failed", ":\n" + "".join(lines).rstrip())
         return FAILED, f"{type(problem).__name__}: {problem}"
+    if enabled and answer != NO_HELP and not enable.any():
+        twist = f"({motion.v_x:.3g} m/s, {motion.v_y:.3g} m/s, {motion.yaw_rate:.3g} rad/s)"
+        _show(law, ASSIST, f"released every wheel at the twist {twist}")
+    return ASSIST if answer is None else answer, ""
 
 
-def _report(law: Law, problem: BaseException) -> None:
-    if type(law) in _reported:
-        return
-    _reported.add(type(law))
-    frames = traceback.extract_tb(problem.__traceback__)[1:]  # without `call_law`
-    print(
-        f"control law {type(law).__module__}:{type(law).__qualname__} failed, all brakes are on "
-        "(shown once):\n"
-        + "".join(traceback.format_list(frames))
-        + "".join(traceback.format_exception_only(problem)).rstrip(),
-        file=sys.stderr,
-        flush=True,
-    )
+def _show(law: Law, result: int, event: str, details: str = "") -> None:
+    """Print once for a law what it has done, and that all brakes are on for this reason."""
+    if (type(law), result) not in _shown:
+        _shown.add((type(law), result))
+        name = f"{type(law).__module__}:{type(law).__qualname__}"
+        sentence = f"control law {name} {event}, so all brakes are on (shown once)"
+        print(sentence + details, file=sys.stderr, flush=True)
 
 
 def own_law(configuration: BrakeAssistConfiguration, geometry: PlatformGeometry) -> Law | None:

@@ -49,6 +49,16 @@ class NotANumber(Constant):
 class TooMuch(Constant):
     value = 1.5
 
+class NoError(Constant):
+    def step(self, motion, error, enable):
+        error[:], enable[:] = np.nan, 0.5
+
+class NothingToo(Nothing):
+    pass
+
+class NoErrorToo(NoError):
+    pass
+
 class Broken(Constant):
     def step(self, motion, error, enable):
         enable[:] = 0.0
@@ -155,8 +165,9 @@ def test_a_law_does_not_receive_old_wheel_speeds(
     ("law", "state", "reason"),
     [
         ("Nothing", AssistState.NO_RELEASE, ""),
-        ("NotANumber", AssistState.INTERNAL_ERROR, "outside [0, 1]: [nan"),
-        ("TooMuch", AssistState.INTERNAL_ERROR, "outside [0, 1]"),
+        ("NotANumber", AssistState.INTERNAL_ERROR, "[nan, nan, nan, nan], must be within [0, 1]"),
+        ("TooMuch", AssistState.INTERNAL_ERROR, "1.5], must be within [0, 1]"),
+        ("NoError", AssistState.INTERNAL_ERROR, "errors [nan, nan, nan, nan], must be finite"),
         ("Broken", AssistState.INTERNAL_ERROR, "RuntimeError: lost count"),
         ("Ends", AssistState.INTERNAL_ERROR, "SystemExit: 0"),
         ("Yes", AssistState.INTERNAL_ERROR, "True, must be None, ASSIST or NO_HELP"),
@@ -191,6 +202,21 @@ def test_the_twist_stays_fused_while_a_law_fails(mecanum: Wheels, module: str, i
         )
     assert decision.state is AssistState.INTERNAL_ERROR
     assert {source.state for source in assist.sources() if source.name == "twist"} == {FUSED}
+
+
+@pytest.mark.parametrize(
+    ("law", "sentence"),
+    [("NothingToo", "released every wheel at the twist (7.7"), ("NoErrorToo", "must be finite")],
+)
+def test_the_reason_for_full_braking_is_shown_once(
+    mecanum: Wheels, module: str, law: str, sentence: str, capfd: pytest.CaptureFixture[str]
+) -> None:
+    drive(mecanum, f"{module}:{law}", enabled=False)
+    assert capfd.readouterr().err == ""
+    drive(mecanum, f"{module}:{law}")
+    shown = capfd.readouterr().err
+    assert shown.count(f"control law {module}:{law} ") == shown.count("(shown once)") == 1
+    assert sentence in shown
 
 
 def test_the_first_fault_is_shown_once_with_its_place_in_the_law_s_file(
