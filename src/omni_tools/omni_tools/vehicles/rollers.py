@@ -1,14 +1,14 @@
-"""Arrangement of a platform's rollers, and detection of a roller angle with the wrong sign.
+"""Arrangement of a platform's rollers, and detection of a wrong roller angle.
 
 With a wrong sign of one roller angle, the platform can still move in all three degrees of freedom,
 but with wrong kinematics. The error violates symmetry: if two wheels are mirror images of each
-other, their rollers must also be mirror images.
+other, their rollers must also be mirror images. The positions need not be exact mirror images,
+because only the better of two signs is sought. Three wheels have equal roller angles.
 """
 
 from __future__ import annotations
 
 import dataclasses
-import math
 from collections.abc import Mapping
 from typing import NamedTuple
 
@@ -58,14 +58,14 @@ def roller_remarks(wheels: Mapping[str, WheelMount], poor: float = 0.5) -> tuple
             multiple of the value with all roller angles reversed [1].
     """
     rollers = Rollers.of(wheels)
-    suspects = _broken_symmetry(wheels)
+    suspects = _wrong_angles(wheels)
     if suspects:
-        name, *others = suspects
+        (name, fitting), *others = suspects.items()
         angle = wheels[name].roller_angle_deg
         return (
             f"wheels.{name}.roller_angle_deg: {angle:g} deg breaks the symmetry of the rollers"
-            + (f" (or {', '.join(others)} does)" if others else "")
-            + f"; symmetric rollers on the other wheels have {-angle:g} deg",
+            + (f" (or {', '.join(other for other, _ in others)} does)" if others else "")
+            + f"; {fitting:g} deg would be symmetric to the rollers on the other wheels",
         )
     opposite = {name: _flipped(mount) for name, mount in wheels.items()}
     try:
@@ -98,36 +98,47 @@ def _shape(geometry: PlatformGeometry) -> str:
     return "X" if np.all(signs < 0.0) else "O" if np.all(signs > 0.0) else "mixed"
 
 
-def _broken_symmetry(wheels: Mapping[str, WheelMount]) -> tuple[str, ...]:
-    """Return the wheels whose roller angle, if reversed, would make the arrangement symmetric."""
-    if _mirrors_fit(wheels):
-        return ()
-    return tuple(name for name in wheels if _mirrors_fit({**wheels, name: _flipped(wheels[name])}))
+def _wrong_angles(wheels: Mapping[str, WheelMount], step: float = 10.0) -> dict[str, float]:
+    """Return wheels with a wrong roller angle, and the angle that would be symmetric [deg].
 
-
-def _mirrors_fit(
-    wheels: Mapping[str, WheelMount], offset: float = 0.05, angle: float = math.radians(10.0)
-) -> bool:
-    """Return whether the rollers have the same mirror symmetries as the wheel positions.
+    If one error explains the asymmetry in several ways, all wheels that it may concern are
+    returned.
 
     Args:
         wheels: wheels of a platform.
-        offset: allowed difference of positions, divided by the radius of the platform [1].
-        angle: allowed angle between the roller axis of a wheel and that of its mirror image [rad];
-            a wrong sign causes an angle of 90 deg.
+        step: difference of roller angles that is not an error of measurement [deg].
+    """
+    if len(wheels) > 3 and not _mirrors_fit(wheels):
+        flipped = {name: _flipped(mount) for name, mount in wheels.items()}
+        fits = [name for name in wheels if _mirrors_fit({**wheels, name: flipped[name]})]
+        return {name: flipped[name].roller_angle_deg for name in fits}
+    wrong = {}
+    for name, mount in wheels.items():
+        others = [wheels[other].roller_angle_deg for other in wheels if other != name]
+        if np.ptp(others) < step < np.min(np.abs(mount.roller_angle_deg - np.array(others))):
+            wrong[name] = others[0]
+    return wrong
+
+
+def _mirrors_fit(wheels: Mapping[str, WheelMount]) -> bool:
+    """Return whether no roller fits the mirror image of another one better with a reversed angle.
+
+    The mirror image of a wheel is the wheel nearest to its position reflected about the x or y axis
+    through the center of all wheels.
     """
     geometry = PlatformGeometry.from_wheels(wheels)
-    near = offset * float(np.max(np.linalg.norm(geometry.position, axis=1)))
+    reversed_angles = {name: _flipped(mount) for name, mount in wheels.items()}
+    opposite = PlatformGeometry.from_wheels(reversed_angles).active
+    position, rows = geometry.position - np.mean(geometry.position, axis=0), np.arange(len(wheels))
     for mirror in _MIRRORS:
-        images = geometry.position * mirror
-        distance = np.linalg.norm(images[:, np.newaxis] - geometry.position, axis=2)
+        distance = np.linalg.norm((position * mirror)[:, np.newaxis] - position, axis=2)
         partner = np.argmin(distance, axis=1)
-        rows = np.arange(len(partner))
-        if np.any(distance[rows, partner] > near):
-            continue
-        axes, others = geometry.active * mirror, geometry.active[partner]
-        along = np.abs(np.sum(axes * others, axis=1))
-        if np.any((along < math.cos(angle)) & (partner != rows)):
+        paired = (partner[partner] == rows) & (partner != rows)
+        axes = geometry.active * mirror
+        given, other = (
+            np.abs(np.sum(axes * active[partner], axis=1)) for active in (geometry.active, opposite)
+        )
+        if np.any(paired & (given < other - 1e-9)):
             return False
     return True
 

@@ -5,8 +5,11 @@ from __future__ import annotations
 import dataclasses
 from pathlib import Path
 
+import numpy as np
 import pytest
 import yaml
+from hypothesis import given
+from hypothesis import strategies as st
 
 from omni_platform.configuration import from_mapping
 from omni_platform.geometry import WheelMount
@@ -43,6 +46,56 @@ def test_one_wrong_sign_is_named(path: Path) -> None:
         if not name.startswith("middle"):
             assert remark.startswith(f"wheels.{name}.roller_angle_deg")
             assert "(or" not in remark
+
+
+@pytest.mark.parametrize("path", [p for p in FILES if "three_wheel" not in p.stem], ids=str)
+def test_a_wrong_sign_is_named_although_the_positions_are_not_symmetric(path: Path) -> None:
+    wheels, rng = wheels_of(path), np.random.default_rng(3)
+    for name, mount in wheels.items():
+        moved = {
+            other: dataclasses.replace(m, x=m.x + rng.uniform(-0.06, 0.06), y=1.1 * m.y + 0.05)
+            for other, m in wheels.items()
+        }
+        assert roller_remarks(moved) == ()
+        angle = mount.roller_angle_deg
+        wrong = dataclasses.replace(moved[name], roller_angle_deg=-angle)
+        (remark,) = roller_remarks({**moved, name: wrong})
+        assert name in remark.split(";")[0]
+        if not name.startswith("middle"):
+            assert f"{angle:g} deg would be symmetric" in remark
+
+
+@pytest.mark.parametrize("angle", [-45.0, 30.0, 45.0])
+@pytest.mark.parametrize("common", [0.0, -45.0])
+def test_one_of_three_wheels_with_another_angle_is_named(angle: float, common: float) -> None:
+    wheels = {
+        name: dataclasses.replace(mount, roller_angle_deg=common)
+        for name, mount in wheels_of(CONFIG / "vehicles/three_wheel_robot.yaml").items()
+    }
+    assert roller_remarks(wheels) == ()
+    for name, mount in wheels.items() if angle != common else ():
+        wrong = dataclasses.replace(mount, roller_angle_deg=angle)
+        (remark,) = roller_remarks({**wheels, name: wrong})
+        assert remark.startswith(f"wheels.{name}.roller_angle_deg: {angle:g} deg")
+        assert f"{common:g} deg would be symmetric" in remark
+
+
+@given(
+    st.integers(2, 4),
+    st.lists(st.floats(0.3, 1.0), min_size=4, max_size=4),
+    st.lists(st.floats(20.0, 70.0), min_size=4, max_size=4),
+)
+def test_nothing_is_wrong_with_symmetric_vehicles(
+    axles: int, widths: list[float], angles: list[float]
+) -> None:
+    wheels = {}
+    for i, (x, width, angle) in enumerate(
+        zip(np.linspace(2, -2, axles), widths, angles, strict=False)
+    ):
+        for side in (-1.0, 1.0):
+            roller = (-side if x > 0.0 else side) * angle
+            wheels[f"{i}_{side:g}"] = WheelMount(x=x, y=side * width, roller_angle_deg=roller)
+    assert not any("symmetr" in remark for remark in roller_remarks(wheels))
 
 
 def test_shape_and_lever_of_the_forklift() -> None:
