@@ -57,7 +57,7 @@ def test_steps_of_simulator_and_odometry_keep_no_memory() -> None:
 
     for _ in range(30):  # buffers fill up
         step()
-    assert _kept(step, 100) <= 20  # the last results refer to some arrays
+    assert _kept(step, 250) <= 2  # the results of the last step may hold other arrays
 
 
 @pytest.mark.parametrize("alone", ["1", ""], ids=["one thread", "two threads"])
