@@ -91,6 +91,7 @@ def fuse_wheels(
     best = min(record.best, bank.NO_TWIST)
     for i in range(speeds.size):
         rim = constants.roll[i] * speeds[i]
+        change = rim - memory.rim[i]
         memory.rim[i], memory.wheel_ratio[i] = rim, math.nan
         load = pedal * enable[i] if enable[i] > bank.RELEASED else 0.0
         memory.released[i] = 0.0 if load > 0.0 else memory.released[i] + dt
@@ -103,7 +104,7 @@ def fuse_wheels(
         elif not memory.gained[i]:
             memory.mark[i] = min(memory.mark[i], abs(rim))
         memory.idle[i] += dt
-        wheel = _mixture(constants, memory, i, (dt, braking, load), (slip, span))
+        wheel = _mixture(constants, memory, i, (dt, braking, load), (change, slip, span))
         faulty, weight = memory.faulty[best, i], constants.wheel_weight
         likelihood = (1.0 - faulty) * (wheel.locked + 1.0 / span) ** weight
         memory.evidence[bank.NO_ESTIMATE] += math.log(likelihood + faulty / span**weight)
@@ -141,7 +142,7 @@ def _mixture(
     memory: BankMemory,
     i: int,
     step: tuple[float, bool, float],
-    speeds: tuple[float, float],
+    speeds: tuple[float, float, float],
 ) -> _Wheel:
     """Return the model of wheel `i` in this step.
 
@@ -151,11 +152,11 @@ def _mixture(
         i: index of the wheel.
         step: length of the step [s], whether the pedal is down, and brake command of this wheel as
             a share of the largest torque, 0 while its brake is released [1].
-        speeds: standard deviation of the slip of driven wheels, and width of the range of readings
-            of a faulty encoder [m/s].
+        speeds: change of the speed of the rim since the last step, standard deviation of the slip
+            of driven wheels, and width of the range of readings of a faulty encoder [m/s].
     """
-    (dt, braking, load), (slip, span) = step, speeds
-    own = bank.WHEEL**2 + slip**2
+    (dt, braking, load), (change, slip, span) = step, speeds
+    own = bank.WHEEL**2 + slip**2 + (16.0 * change**2 if math.isfinite(change) else 0.0)
     rolls, slides, excess, locked = 1.0 - bank.PRIOR, bank.PRIOR, 0.0, 0.0
     if braking:
         fresh = min(constants.rebound_time / max(memory.released[i], dt), 1.0)
