@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import os
 import re
@@ -28,7 +29,7 @@ from omni_bringup.graph.domain import reserved_domain
 from omni_bringup.graph.hardware import ARGUMENTS, hardware_nodes, starts_again
 from omni_bringup.graph.process_group import find_executable
 from omni_bringup.workspace import Workspace
-from omni_platform.brakes import TYPICAL
+from omni_platform.brakes import TYPICAL, BrakeConfiguration
 from omni_platform.configuration import ConfigurationError, from_mapping
 from omni_ros.messages import joint_state, planar_twist_with_covariance
 from omni_ros.qos import RELIABLE
@@ -267,14 +268,10 @@ def test_a_source_that_does_harm_is_named_by_ros_params_the_node_and_doctor(tmp_
         for source, harm in (("otos", 0.0), ("late_50ms", 1.0))
         for quantity, value in {**values, "harm": harm}.items()
     }
-    conditions = {
-        "wheel_twist_agv": {
-            "imu": True,
-            "brake.kind": "on_off",
-            **dict.fromkeys(("brake.dead_time", "brake.release_time", "brake.time_constant"), 0.0),
-            "brake.ramp": 3.0,
-        }
+    brake = {
+        f"brake.{name}": value for name, value in dataclasses.asdict(BrakeConfiguration()).items()
     }
+    conditions = {"wheel_twist_agv": {"imu": True, "minimum_dwell_time": 0.02, **brake}}
     summary, out = tmp_path / "summary.json", tmp_path / "parameters"
     summary.write_text(
         json.dumps({"name": "feedback", "metrics": metrics, "conditions": conditions})
@@ -308,14 +305,18 @@ def test_a_source_that_does_harm_is_named_by_ros_params_the_node_and_doctor(tmp_
     assert harm in json.loads(finished.stdout)["checks"]["feedback"]["words"]
     # A result about another vehicle, other brakes or another IMU shows nothing.
     own, drives = tmp_path / "my_agv.yaml", tmp_path / "drives" / example.name
+    weak = tmp_path / "weak" / example.name
     drives.parent.mkdir()
     own.write_text(example.read_text())
     drives.write_text(example.read_text() + "  brake: {kind: velocity}\n")
+    weak.parent.mkdir()
+    weak.write_text(example.read_text() + "  brake: {max_torque: 2.0}\n")
     for refused, words in (
         (run("lidar"), "--source: 'lidar' is not one of"),
         (run("ideal"), "has no stops of wheel_twist_agv with ideal and sliding_mode ("),
         (run("otos", file=own), "('my_agv'); run ./omni study feedback --vehicle FOLDER\n"),
         (run("otos", file=drives), "(its stops have {'brake.kind': 'on_off'})"),
+        (run("otos", file=weak), "(its stops have {'brake.max_torque': 2000.0})"),
         (
             run("otos", "--without-imu"),
             "{'imu': True}); run ./omni study feedback --vehicle FOLDER --without-imu",
@@ -335,8 +336,9 @@ def test_the_parameters_of_the_brake_adapter_are_those_of_the_vehicle(
         options = ros_params.Options(
             configuration=str(tmp_path / "mine"), out=tmp_path / "out", brakes=kind
         )
-        if TYPICAL[kind]["kind"] != TYPICAL[brakes]["kind"]:
-            with pytest.raises(ConfigurationError, match="--brakes"):
+        if kind != brakes:  # spring-applied brakes and on-off valves differ in the dwell time
+            words = "minimum_dwell_time" if brakes == "on_off" else "--brakes"
+            with pytest.raises(ConfigurationError, match=words):
                 ros_params.run(options, Workspace(WORKSPACE))
         else:
             ros_params.run(options, Workspace(WORKSPACE))

@@ -208,12 +208,16 @@ def brake_adapter(assistant: BrakeAssistConfiguration, brakes: str) -> BrakeAdap
         brakes: kind of the brakes, a key of `TYPICAL`.
 
     Raises:
-        ConfigurationError: the assistant assumes another kind of brakes.
+        ConfigurationError: the assistant assumes another kind of brakes, or a coil that may switch
+            in every step.
     """
     brake, needed = assistant.brake, TYPICAL[brakes]["kind"]
     if brake.kind != needed:
         problem = f"{brakes} brakes need brake_assist.brake.kind {needed}, but it is {brake.kind}"
         raise ConfigurationError("--brakes", problem)
+    if brakes == "spring" and assistant.minimum_dwell_time == 0.0:
+        problem = "is 0, must be the shortest time between two switching operations of the coils"
+        raise ConfigurationError("brake_assist.minimum_dwell_time", problem)
     return BrakeAdapterConfiguration(
         wheels=tuple(assistant.wheels),
         kind=brakes,

@@ -268,9 +268,9 @@ def run(options: Options, study: StudyRun) -> StudyResult:
 
 
 def _conditions(assistant: BrakeAssistConfiguration, imu: bool) -> dict[str, Any]:
-    """Return kind and timing of the brakes, and whether there is an IMU, keyed by name."""
-    keys = ("kind", "dead_time", "release_time", "time_constant", "ramp")
-    return {"imu": imu, **{f"brake.{key}": getattr(assistant.brake, key) for key in keys}}
+    """Return the brakes that the assistant assumes, and whether there is an IMU, keyed by name."""
+    brake = {f"brake.{key}": value for key, value in dataclasses.asdict(assistant.brake).items()}
+    return {"imu": imu, "minimum_dwell_time": assistant.minimum_dwell_time, **brake}
 
 
 def _results(rows: Sequence[Stop], vehicle: str, law: str, source: str) -> dict[str, float]:
@@ -383,15 +383,20 @@ def _figure(table: Table, vehicle: str, sources: Sequence[str]) -> Figure:
     for axes, (quantity, most) in zip(panels, quantities, strict=True):
         for shift, law, color in ((0.18, _LAWS[0], style.BLUE), (-0.18, _LAWS[1], style.ORANGE)):
             found = [table[vehicle, law, source] for source in sources]
-            values = [min(one[quantity], most) for one in found]
-            edges = [style.VERMILLION if one["harm"] else color for one in found]
-            axes.barh(places + shift, values, 0.34, color=color, edgecolor=edges, linewidth=2.0,
-                      label=law)  # fmt: skip
+            values = np.minimum([one[quantity] for one in found], most)
+            axes.barh(places + shift, values, 0.34, color=color, label=law)
+            if (harm := np.array([one["harm"] for one in found], dtype=bool)).any():
+                red = {
+                    "edgecolor": style.VERMILLION,
+                    "linewidth": 2.0,
+                    "label": "more harm than good",
+                }
+                axes.barh((places + shift)[harm], values[harm], 0.34, color="none", **red)
     panels[0].axvline(1.0, color=style.GRAY)
     panels[0].set_xlabel("stopping distance / that without assistant [1]")
     free = table[vehicle, _LAWS[0], sources[0]]["rotation_unassisted_p95"]
     panels[1].axvline(free, color=style.GRAY, label="without assistant")
     panels[1].set_xlabel("rotation [deg]")
     panels[0].set_yticks(places, [SOURCES[source].label for source in sources])
-    style.legend_below(figure, 3)
+    style.legend_below(figure, 4)
     return figure
