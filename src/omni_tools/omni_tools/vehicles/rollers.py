@@ -114,9 +114,12 @@ def _wrong_angles(wheels: Mapping[str, WheelMount], step: float = 10.0) -> dict[
         return {name: flipped[name].roller_angle_deg for name in fits}
     wrong = {}
     for name, mount in wheels.items():
-        others = [wheels[other].roller_angle_deg for other in wheels if other != name]
-        if np.ptp(others) < step < np.min(np.abs(mount.roller_angle_deg - np.array(others))):
-            wrong[name] = others[0]
+        others = np.array([wheels[other].roller_angle_deg for other in wheels if other != name])
+        # A roller axis has no direction: angles that differ by 180 deg are equal.
+        away = np.abs((mount.roller_angle_deg - others + 90.0) % 180.0 - 90.0)
+        apart = np.abs((others - others[0] + 90.0) % 180.0 - 90.0)
+        if np.max(apart) < step < np.min(away):
+            wrong[name] = float(others[0])
     return wrong
 
 

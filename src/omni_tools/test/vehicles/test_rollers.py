@@ -73,6 +73,8 @@ def test_one_of_three_wheels_with_another_angle_is_named(angle: float, common: f
         for name, mount in wheels_of(CONFIG / "vehicles/three_wheel_robot.yaml").items()
     }
     assert roller_remarks(wheels) == ()
+    same = dataclasses.replace(wheels["first"], roller_angle_deg=common + 180.0)
+    assert roller_remarks({**wheels, "first": same}) == ()
     for name, mount in wheels.items() if angle != common else ():
         wrong = dataclasses.replace(mount, roller_angle_deg=angle)
         (remark,) = roller_remarks({**wheels, name: wrong})
