@@ -36,7 +36,8 @@ def new_qp(wheels: int) -> Box:
     amount above the demand and the amount below the demand, first for `YAW`, then for `SIDE`.
     """
     qp = new_box(3, wheels + 4)
-    qp.damping[:], qp.goals[DECELERATION] = _SPREAD / wheels**2, 1.0
+    qp.damping[:] = _SPREAD / wheels**2
+    qp.goals[DECELERATION] = 1.0
     qp.weights[1:] = _ROUNDING
     qp.rows[YAW, wheels : wheels + 2] = qp.rows[SIDE, wheels + 2 :] = -1.0, 1.0
     return qp
@@ -98,5 +99,6 @@ def best_pattern(memory: Memory) -> int:
             if row != DECELERATION:  # the cost of a large excess is linear
                 square = min(size, qp.linear[n + 2 * (row - YAW)] / qp.weights[row])
             cost += qp.weights[row] * square * (2.0 * size - square)
-        least, best = (cost, pattern) if cost < least else (least, best)
+        if cost < least:
+            least, best = cost, pattern
     return best

@@ -61,9 +61,13 @@ def control_slip(law: Constants, memory: Memory, motion: Motion, enable: FloatAr
             demanded, slowed = share[i] * wheel.capacity, braked.mass * rim.speed * slowing
             aim = min(aim, demanded + slowed + demanded - rim.force)
         enable[i] = min(max(model.command_for(law.brake, rim.brake, aim, body.dt) / most, 0.0), 1.0)
-    pattern, largest, total = best_pattern(memory) if valves else 0, 0, 0.0
+    pattern = best_pattern(memory) if valves else 0
+    largest, total = 0, 0.0
     for i, wheel in enumerate(memory.wheel):
-        enable[i] = (pattern >> i) & 1 if valves and not wheel.fixed else enable[i]
-        largest, total = i if share[i] > share[largest] else largest, total + enable[i]
+        if valves and not wheel.fixed:
+            enable[i] = (pattern >> i) & 1
+        if share[i] > share[largest]:
+            largest = i
+        total += enable[i]
     if total <= 0.0:
         enable[largest] = max(law.brake.pressure_step, _LEAST_ENABLE)
