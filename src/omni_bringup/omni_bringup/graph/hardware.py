@@ -13,7 +13,7 @@ from omni_bringup.graph.nodes import parameters_text, values_of
 from omni_loop.experiment import ExperimentConfiguration, ExperimentLibrary, recorded_experiment
 from omni_loop.yaml_files import read_mapping
 from omni_platform import topics
-from omni_platform.brakes import TYPICAL
+from omni_platform.brakes import SPRING, TYPICAL
 from omni_platform.configuration import (
     Configuration,
     ConfigurationError,
@@ -215,7 +215,7 @@ def brake_adapter(assistant: BrakeAssistConfiguration, brakes: str) -> BrakeAdap
     if brake.kind != needed:
         problem = f"{brakes} brakes need brake_assist.brake.kind {needed}, but it is {brake.kind}"
         raise ConfigurationError("--brakes", problem)
-    if brakes == "spring" and assistant.minimum_dwell_time == 0.0:
+    if brakes == SPRING and assistant.minimum_dwell_time == 0.0:
         problem = "is 0, must be the shortest time between two switching operations of the coils"
         raise ConfigurationError("brake_assist.minimum_dwell_time", problem)
     return BrakeAdapterConfiguration(
