@@ -8,8 +8,7 @@ from geometry_msgs.msg import TwistWithCovarianceStamped
 from sensor_msgs.msg import CameraInfo, Image
 
 from linescan_odometry.measurements import TwistEstimate
-from linescan_odometry.sideslip.angle import SideslipEstimate
-from linescan_odometry.sideslip.meter import angles
+from linescan_odometry.sideslip import SideslipEstimate, angles
 from omni_platform import topics
 from omni_platform.sensors import LineSensor
 from omni_platform.signals import Flow, LineBatch

@@ -19,7 +19,7 @@ from linescan_odometry.measurements import FlowReading, SensorReading, TwistEsti
 from linescan_odometry.sensor import SensorOdometry
 from linescan_odometry.twist.flow import FlowMonitor
 from linescan_odometry.twist.least_squares import TwistSolver
-from linescan_odometry.view.unsuitable import UnsuitableViews
+from linescan_odometry.unsuitable_views import UnsuitableViews
 from omni_platform.configuration import ConfigurationError
 from omni_platform.quantities import FloatArray
 from omni_platform.signals import Flow, LineBatch, LineBatchError

@@ -18,7 +18,7 @@ from linescan_odometry.measurements import FlowReading, SensorReading
 from linescan_odometry.messages import contradiction_of, estimate_messages, flow_of, line_batch_of
 from linescan_odometry.odometry import OdometryConfiguration, TwistEstimate
 from linescan_odometry.port import OdometryPort
-from linescan_odometry.sideslip.angle import SideslipEstimate
+from linescan_odometry.sideslip import SideslipEstimate
 from linescan_odometry.twist.pose import PoseIntegrator
 from omni_platform import topics
 from omni_platform.configuration import Configuration, parameter

@@ -9,8 +9,7 @@ from typing import Any, Protocol
 from linescan_odometry.configuration import OdometryConfiguration
 from linescan_odometry.measurements import TwistEstimate
 from linescan_odometry.odometry import LineScanOdometry
-from linescan_odometry.sideslip.angle import SideslipEstimate
-from linescan_odometry.sideslip.meter import SideslipMonitor
+from linescan_odometry.sideslip import SideslipEstimate, WheelSideslip
 from omni_platform.plugins import load_class, make_part
 from omni_platform.signals import Flow, LineBatch, TwistSample
 
@@ -219,7 +218,10 @@ class OdometryPort:
     def __init__(self, own_odometry: str, configuration: OdometryConfiguration) -> None:
         self._odometry = make_odometry(own_odometry, configuration)
         self._collector = BatchCollector.of(configuration)
-        self._sideslip = SideslipMonitor(configuration)
+        self._wheels = {
+            name: WheelSideslip(wheel, configuration.sensors[wheel.sensor])
+            for name, wheel in configuration.sideslip.items()
+        }
 
     def warm_up(self) -> None:
         """Compile or load all kernels of the estimator, so that the first update is fast."""
@@ -241,4 +243,5 @@ class OdometryPort:
             self._odometry.match(sensor, batch)
         for batches in self._collector.add(sensor, batch):
             estimate = self._odometry.update(batches)
-            yield estimate, self._sideslip.measure(estimate)
+            angles = {name: wheel.measure_with(estimate) for name, wheel in self._wheels.items()}
+            yield estimate, angles

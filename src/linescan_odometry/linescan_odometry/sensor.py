@@ -20,7 +20,7 @@ from linescan_odometry.measurements import Displacement, SensorReading, Unmeasur
 from linescan_odometry.pair_method import PairsMethod
 from linescan_odometry.plausibility import Plausibility
 from linescan_odometry.references import References
-from linescan_odometry.view.keyframe import Keyframe
+from linescan_odometry.unsuitable_views import Keyframe
 from omni_platform.background import in_background
 from omni_platform.kernels import lean
 from omni_platform.sensors import LineSensor

@@ -10,10 +10,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from linescan_odometry.camera.assembler import LineAssembler
+from linescan_odometry.camera.assembler import FrameClock, LineAssembler
 from linescan_odometry.camera.configuration import CameraConfiguration
 from linescan_odometry.camera.cut import FrameError
-from linescan_odometry.camera.frame_clock import FrameClock
 from linescan_odometry.camera.sources import CameraError, VideoSource, open_source
 from omni_platform.configuration import ConfigurationError
 from omni_platform.signals import LineBatch

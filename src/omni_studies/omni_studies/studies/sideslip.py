@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FormatStrFormatter
 
 from linescan_odometry.configuration import SideslipWheel
-from linescan_odometry.sideslip.meter import SideslipConfiguration, SideslipMeter
+from linescan_odometry.sideslip import SideslipConfiguration, SideslipMeter
 from omni_figures import style
 from omni_loop.experiment import ExperimentLibrary
 from omni_loop.metrics import Metric

@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d, uniform_filter1d
 
 from linescan_odometry.measurements import SensorReading
-from linescan_odometry.view.keyframe import Keyframe
-from linescan_odometry.view.unsuitable import UnsuitableViews
+from linescan_odometry.unsuitable_views import Keyframe, UnsuitableViews
 from omni_platform.sensors import LineSensor
 
 PIXELS, BATCH, RATE = 256, 25, 2500.0

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import math
 from collections.abc import Callable
 from typing import Any
@@ -13,12 +14,13 @@ import pytest
 from linescan_odometry.configuration import SideslipWheel
 from linescan_odometry.measurements import SensorReading, TwistEstimate
 from linescan_odometry.odometry import LineScanOdometry, OdometryConfiguration
-from linescan_odometry.sideslip.angle import WheelSideslip, sideslip_angle
-from linescan_odometry.sideslip.meter import (
+from linescan_odometry.port import OdometryPort
+from linescan_odometry.sideslip import (
     SideslipConfiguration,
     SideslipMeter,
-    SideslipMonitor,
+    WheelSideslip,
     angles,
+    sideslip_angle,
 )
 from linescan_odometry.twist.least_squares import TwistSolver
 from omni_platform.configuration import ConfigurationError
@@ -143,7 +145,7 @@ def test_a_contradiction_is_in_the_deviation(wrong: str, expose: Expose) -> None
         wheels = {"front": wheel}
         configuration = OdometryConfiguration(sensors=sensors, sideslip=wheels, **changes)
         estimate = LineScanOdometry(configuration).update(batches)
-        found = SideslipMonitor(configuration).measure(estimate)["front"]
+        found = WheelSideslip(wheel, sensors[wheel.sensor]).measure_with(estimate)
         assert found.measured
         return estimate, found.angle + math.atan2(sideways, forward), found.deviation
 
@@ -192,7 +194,7 @@ def test_one_camera_and_the_wheel_speed_are_enough(angle_deg: float, expose: Exp
     assert wheel_speed <= estimate.deviation < wheel_speed + 1e-3
 
 
-def test_the_monitor_names_every_wheel(expose: Expose) -> None:
+def test_an_estimate_names_every_wheel(expose: Expose) -> None:
     wheels = {"front": WHEEL, "slow": dataclasses.replace(WHEEL, minimum_speed=50.0)}
     # Lines that do not change across the motion are endless stripes without a unique displacement.
     configuration = OdometryConfiguration(sensors=SENSORS, sideslip=wheels, cover_detection=False)
@@ -200,15 +202,14 @@ def test_the_monitor_names_every_wheel(expose: Expose) -> None:
         name: LineBatch(10_000_000, expose(np.arange(26) * speed / RATE / PITCH, 256, seed=i))
         for i, (name, speed) in enumerate(zip(SENSORS, sensor_matrix(SENSORS) @ TWIST, strict=True))
     }
-    monitor = SideslipMonitor(configuration)
-    odometry = LineScanOdometry(configuration)
-    found = monitor.measure(odometry.update(batches))
+    port = OdometryPort("", configuration)
+    [(_, found)] = itertools.chain.from_iterable(itertools.starmap(port.take, batches.items()))
     forward, sideways = wheel_velocity()
     expected = [-math.atan2(sideways, forward), math.nan]
     assert list(found) == ["front", "slow"]
     assert angles(found) == pytest.approx(expected, abs=1e-3, nan_ok=True)
-    blind = monitor.measure(odometry.update({"side": batches["side"]}))
-    assert not blind["front"].measured
+    blind = LineScanOdometry(configuration).update({"side": batches["side"]})
+    assert not WheelSideslip(WHEEL, SENSORS["side"]).measure_with(blind).measured
 
 
 @pytest.mark.parametrize(

@@ -1,1 +1,0 @@
-"""Sideslip angles of wheels, each measured by a camera next to the wheel."""

@@ -1,1 +1,0 @@
-"""Detection of cameras that are occluded or over an oblique texture."""
