@@ -24,7 +24,7 @@ from omni_loop.experiment import ExperimentLibrary
 from omni_platform.configuration import to_mapping
 from omni_platform.sensors import LineSensor, sensor_matrix
 from omni_ros.environment import node_environment
-from omni_ros.messages import planar_twist_of
+from omni_ros.messages import twist_of
 from omni_ros.qos import LATCHED, RELIABLE
 
 FRAME_RATE, ROWS, SECONDS = 50.0, 16, 4.0
@@ -62,7 +62,7 @@ class Listener(Bystander):
         self.said |= {f"{status.name}: {status.message}" for status in message.status}
 
     def measured(self) -> list[Any]:
-        return [t for t in map(planar_twist_of, self.twists) if t[1][0, 0] < 1.0]
+        return [t[1:3] for t in map(twist_of, self.twists) if t.covariance[0, 0] < 1.0]
 
     def description(self) -> str:
         return f"{len(self.twists)} twists, {len(self.measured())} measured; {sorted(self.said)}"

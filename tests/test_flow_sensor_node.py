@@ -21,7 +21,7 @@ from omni_loop.experiment import ExperimentLibrary
 from omni_loop.yaml_files import read_mapping
 from omni_platform.sensors import FlowSensor, sensor_matrix
 from omni_ros.environment import node_environment
-from omni_ros.messages import planar_twist_of, to_nanoseconds
+from omni_ros.messages import to_nanoseconds, twist_of
 from omni_ros.qos import RELIABLE
 
 # A chip that is unplugged after seven readings, the fourth of which is of a dark ground. Each time
@@ -138,7 +138,7 @@ def test_a_lost_chip_is_reported_and_opened_again() -> None:
     opened: dict[int, int] = {}  # stamp of the first reading by number of the opening
     unmeasured = 0
     for message in listener.twists:
-        twist, covariance = planar_twist_of(message)
+        _, twist, covariance, _ = twist_of(message)
         assert covariance[2, 2] == 1e6
         if covariance[0, 0] == 1e6:
             unmeasured += 1
@@ -163,7 +163,7 @@ class Vehicle(Bystander):
         self.node.create_subscription(
             TwistWithCovarianceStamped,
             "odometry/twist",
-            lambda message: self.twists.append(planar_twist_of(message)),
+            lambda message: self.twists.append(twist_of(message)[1:3]),
             RELIABLE,
         )
 

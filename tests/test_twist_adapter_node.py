@@ -16,8 +16,8 @@ from omni_bringup.graph.domain import reserved_domain
 from omni_ros.messages import (
     planar_odometry,
     planar_twist,
-    planar_twist_of,
     planar_twist_with_covariance,
+    twist_of,
 )
 from omni_ros.qos import BEST_EFFORT, RELIABLE
 
@@ -65,7 +65,7 @@ def test_an_odometry_without_covariance_gets_the_one_that_is_configured() -> Non
         closing(Vehicle(domain)) as vehicle,
     ):
         vehicle.wait(lambda: vehicle.twists)
-        twist, covariance = planar_twist_of(vehicle.twists[-1])
+        _, twist, covariance, _ = twist_of(vehicle.twists[-1])
         np.testing.assert_array_equal(twist, TWIST)
         np.testing.assert_allclose(covariance, np.diag([0.01, 0.01, 0.04]))
         vehicle.frame = "camera_link"
@@ -93,6 +93,6 @@ def test_a_twist_of_another_type_passes_with_its_covariance_or_the_configured_on
         closing(Vehicle(domain, kind, "radar/twist")) as vehicle,
     ):
         vehicle.wait(lambda: vehicle.twists)
-        twist, covariance = planar_twist_of(vehicle.twists[-1])
+        _, twist, covariance, _ = twist_of(vehicle.twists[-1])
     np.testing.assert_array_equal(twist, TWIST)
     np.testing.assert_allclose(np.sqrt(np.diag(covariance)), deviations)

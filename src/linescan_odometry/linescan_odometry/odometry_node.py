@@ -8,6 +8,7 @@ import math
 from collections.abc import Mapping
 from copy import copy
 from functools import partial
+from typing import Any
 
 import numpy as np
 from geometry_msgs.msg import TwistWithCovarianceStamped
@@ -15,16 +16,15 @@ from rclpy.node import Node
 from sensor_msgs.msg import CameraInfo
 
 from linescan_odometry.measurements import FlowReading, SensorReading
-from linescan_odometry.messages import contradiction_of, estimate_messages, flow_of, line_batch_of
 from linescan_odometry.odometry import OdometryConfiguration, TwistEstimate
 from linescan_odometry.port import OdometryPort
-from linescan_odometry.sideslip import SideslipEstimate
+from linescan_odometry.sideslip import SideslipEstimate, angles
 from linescan_odometry.twist.pose import PoseIntegrator
 from omni_platform import topics
 from omni_platform.configuration import Configuration, parameter
 from omni_platform.sensors import LineSensor, Mount
 from omni_platform.signals import Flow, LineBatch
-from omni_ros import messages
+from omni_ros import line_images, messages
 from omni_ros.frames import MISSING, FrameConfiguration, TransformPublisher, prefix_frames
 from omni_ros.parameters import declare_configuration
 from omni_ros.process import Spinner, StartupConfiguration, run_process, spin_until_stopped
@@ -92,7 +92,7 @@ class OdometryNode(Node):
 
     def _on_lines(self, sensor: str, wire: bytes) -> None:
         try:
-            batch = line_batch_of(messages.read_line_image(wire))
+            batch = line_images.line_batch_of(line_images.read_line_image(wire))
         except (ValueError, RuntimeError) as error:
             self.get_logger().warning(
                 f"{topics.lines(sensor).name}: ignored an invalid image: {error}",
@@ -102,10 +102,10 @@ class OdometryNode(Node):
         self._take(sensor, batch)
 
     def _on_flow(self, sensor: str, message: TwistWithCovarianceStamped) -> None:
-        self._take(sensor, flow_of(message))
+        self._take(sensor, messages.flow_of(message))
 
     def _on_camera_info(self, name: str, sensor: LineSensor, message: CameraInfo) -> None:
-        self._contradictions[name] = contradiction_of(message, sensor)
+        self._contradictions[name] = line_images.contradiction_of(message, sensor)
 
     def _take(self, sensor: str, batch: LineBatch | Flow) -> None:
         for estimate, sideslip in self._odometry.take(sensor, batch):
@@ -172,6 +172,21 @@ class OdometryNode(Node):
         words += f", without {', '.join(blind)}" if blind else ""
         status = Status(level if estimate.measured else ERROR, words, values)
         self._status.update(estimate.stamp_ns, key, status)
+
+
+def estimate_messages(
+    estimate: TwistEstimate, sideslip: Mapping[str, SideslipEstimate]
+) -> dict[str, Any]:
+    """Return the messages with sideslip angles and twist, keyed by topic.
+
+    The twist is the last entry, because other nodes wait for this message.
+    """
+    stamp_ns, answers = estimate.stamp_ns, {}
+    if sideslip:
+        angle = messages.joint_state(stamp_ns, list(sideslip), position=angles(sideslip))
+        answers[topics.SIDESLIP.name] = angle
+    twist = messages.planar_twist_with_covariance(stamp_ns, estimate.twist, estimate.covariance)
+    return {**answers, topics.TWIST.name: twist}
 
 
 def run(node: OdometryNode, spinner: Spinner) -> None:

@@ -20,20 +20,13 @@ from sensor_msgs.msg import Imu, JointState
 from omni_brake_assist.brake_assist import BrakeAssist
 from omni_brake_assist.conditions import WARNING, AssistState, Decision, Fault
 from omni_brake_assist.configuration import BrakeAssistConfiguration
-from omni_brake_assist.messages import (
-    decision_messages,
-    imu_reading_of,
-    pedal_of,
-    twist_of,
-    wheel_speeds_of,
-)
 from omni_brake_assist.sources import RejectionTimers, Source, summary
 from omni_brake_assist.step_pairing import Sample, StepPairing
 from omni_platform import topics
 from omni_platform.configuration import Configuration, ConfigurationError, parameter
 from omni_platform.signals import PedalSample, TwistSample, upwards_problem
+from omni_ros import messages
 from omni_ros.clocks import RunningClock
-from omni_ros.messages import joint_state
 from omni_ros.parameters import declare_configuration
 from omni_ros.process import Spinner, StartupConfiguration, run_process, spin_until_stopped
 from omni_ros.publisher_guard import PublisherGuard
@@ -166,18 +159,18 @@ class BrakeAssistNode(Node):
 
     def _on_pedal(self, message: JointState) -> None:
         self._pedal_received = self._running.now()
-        self._take(pedal_of(message))
+        self._take(messages.pedal_of(message))
 
     def _on_twist(self, message: TwistWithCovarianceStamped) -> None:
         self._twist_received = self._running.now()
-        self._take(twist_of(message))
+        self._take(messages.twist_of(message))
         if not self._lockstep:
             self._answer()
 
     def _on_wheel_states(self, message: JointState) -> None:
         if self._assist.check_wheel_names(message.name) is not None:
             return
-        speeds = wheel_speeds_of(message, self._wheels)
+        speeds = messages.wheel_speeds_of(message, self._wheels)
         if speeds is not None:
             self._take(speeds)
 
@@ -189,7 +182,7 @@ class BrakeAssistNode(Node):
         last = upwards if self._upwards is None else self._upwards
         if math.isfinite(upwards):
             self._upwards = last + _UPWARDS_SHARE * (upwards - last)
-        self._take(imu_reading_of(message))
+        self._take(messages.imu_reading_of(message))
         if not self._lockstep:
             self._answer()
 
@@ -249,7 +242,7 @@ class BrakeAssistNode(Node):
             self._decisions[topic].publish(message)
         sources = self._rejections.update(stamp_ns, self._assist.sources())
         names, ratios, *_ = zip(*sources, strict=True)
-        self._test_ratios.publish(joint_state(stamp_ns, names, position=np.array(ratios)))
+        self._test_ratios.publish(messages.joint_state(stamp_ns, names, position=np.array(ratios)))
         self._report(decision, sources)
 
     def _report(self, decision: Decision, sources: Sequence[Source]) -> None:
@@ -276,6 +269,15 @@ class BrakeAssistNode(Node):
 
 def _tuning(parameters: list[Parameter]) -> dict[str, Any]:
     return {given.name: given.value for given in parameters if given.name in TUNABLE}
+
+
+def decision_messages(decision: Decision, wheels: Sequence[str]) -> dict[str, Any]:
+    """Return enables and errors of a decision as `JointState` messages, keyed by topic name."""
+    stamp_ns = decision.stamp_ns
+    return {
+        topics.ENABLE.name: messages.joint_state(stamp_ns, wheels, effort=decision.enable),
+        topics.SLIDING.name: messages.joint_state(stamp_ns, wheels, velocity=decision.error),
+    }
 
 
 def run(node: BrakeAssistNode, spinner: Spinner) -> None:

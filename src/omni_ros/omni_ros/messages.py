@@ -7,33 +7,37 @@ import math
 import struct
 from array import array
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from builtin_interfaces.msg import Time
 from geometry_msgs import msg as geometry
 from nav_msgs.msg import Odometry
-from numpy.typing import NDArray
-from rclpy.serialization import deserialize_message
-from sensor_msgs.msg import CameraInfo, Image, JointState
+from sensor_msgs.msg import JointState
 from std_msgs.msg import Header
 
 from omni_platform.configuration import ConfigurationError
 from omni_platform.quantities import SECOND_NS, FloatArray
-from omni_platform.signals import UNMEASURED_VARIANCE
+from omni_platform.signals import (
+    UNMEASURED_VARIANCE,
+    Flow,
+    ImuSample,
+    PedalSample,
+    TwistSample,
+    WheelSample,
+)
 
-LineArray = NDArray[Any]  # uint8 or uint16
 _Message = TypeVar("_Message")
 
 BASE_FRAME = "base_link"
 WORLD_FRAME = "odom"
+LITTLE_ENDIAN = b"\0\1\0\0"
+"""The first bytes of a serialized message in little endian."""
 
-_ENCODINGS: dict[str, np.dtype[Any]] = {"mono8": np.dtype("<u1"), "mono16": np.dtype("<u2")}
 _STAMP_OFFSET = 4  # after the encapsulation header
 _LITTLE_ENDIAN_STAMP = struct.Struct("<iI")
 _BIG_ENDIAN_STAMP = struct.Struct(">iI")
 _LENGTH = struct.Struct("<I")  # length of a list
-_LITTLE_ENDIAN = b"\0\1\0\0"  # the first bytes of a serialized message
 _UNMEASURED = UNMEASURED_VARIANCE * np.eye(6)
 # Indices of the covariances of (v_x, v_y, yaw rate) in the flat covariance of a message.
 _PLANAR = np.array([[6 * row + column for column in (0, 1, 5)] for row in (0, 1, 5)])
@@ -213,142 +217,54 @@ def fixed_transform(frame: str, pose: FloatArray) -> geometry.TransformStamped:
     return message
 
 
-def planar_twist_of(message: geometry.TwistWithCovarianceStamped) -> tuple[FloatArray, FloatArray]:
-    """Return the body twist (3,) [m/s, m/s, rad/s] in a message, and its covariance (3, 3)."""
+def pedal_of(message: Any) -> PedalSample:
+    """Return the pedal position in a `JointState`; NaN (full braking) if it is missing."""
+    position = float(message.position[0]) if len(message.position) else math.nan
+    return PedalSample(to_nanoseconds(message.header.stamp), position)
+
+
+def twist_of(message: Any) -> TwistSample:
+    """Return the body twist in a `TwistWithCovarianceStamped`."""
     twist = message.twist.twist
     values = np.array([twist.linear.x, twist.linear.y, twist.angular.z])
-    return values, np.asarray(message.twist.covariance, dtype=np.float64)[_PLANAR]
+    covariance = np.asarray(message.twist.covariance, dtype=np.float64)[_PLANAR]
+    return TwistSample(to_nanoseconds(message.header.stamp), values, covariance)
 
 
-class _Stamp(NamedTuple):
-    sec: int
-    nanosec: int
-
-
-class _Header(NamedTuple):
-    stamp: _Stamp
-    frame_id: str
-
-
-class LineImage(NamedTuple):
-    """Fields of an `Image` message with camera lines, read from its serialized form."""
-
-    header: _Header
-    height: int
-    width: int
-    encoding: str
-    is_bigendian: int
-    step: int
-    data: bytearray
-
-
-def line_image(stamp_ns: int, frame: str, lines: LineArray) -> bytes:
-    """Return a batch of lines as a serialized image; each row is a line, oldest first.
-
-    This function serializes the message itself, so that the padding is zero and the recordings of
-    equal runs are equal.
+def wheel_speeds_of(message: Any, wheels: Sequence[str]) -> WheelSample | None:
+    """Return the wheel speeds in a `JointState`; None if the speed of a wheel is missing.
 
     Args:
-        stamp_ns: stamp of the newest line [ns].
-        frame: frame of the sensor.
-        lines: gray values, shape (m, pixels), 8 or 16 bit.
+        message: message that contains all wheels, in any order.
+        wheels: names of the wheels in the order of the result.
     """
-    encoding = "mono8" if lines.dtype == np.uint8 else "mono16"
-    little = np.ascontiguousarray(lines, dtype=_ENCODINGS[encoding])
-    written = _Cdr()
-    written.stamp(stamp_ns)
-    written.text(frame)
-    written.numbers(*lines.shape)
-    written.text(encoding)
-    written.append(0)  # not big-endian
-    written.numbers(lines.shape[1] * little.itemsize, little.nbytes)
-    gap = bytes(-(len(written) + little.nbytes) % 4)
-    return b"".join((_LITTLE_ENDIAN, written, little.data, gap))
+    if len(message.velocity) != len(message.name):
+        return None
+    speeds = dict(zip(message.name, message.velocity, strict=True))
+    stamp_ns = to_nanoseconds(message.header.stamp)
+    return WheelSample(stamp_ns, np.array([float(speeds[name]) for name in wheels]))
 
 
-def read_line_image(wire: bytes) -> LineImage | Image:
-    """Return an image from its serialized form, four times as fast as rclpy.
+def imu_reading_of(message: Any) -> ImuSample:
+    """Return yaw rate and specific force of a `sensor_msgs/Imu` with the axes of `base_link`."""
+    force = message.linear_acceleration
+    return ImuSample(
+        to_nanoseconds(message.header.stamp),
+        float(message.angular_velocity.z),
+        np.array([force.x, force.y]),
+    )
 
-    Raises:
-        ValueError: the message is incomplete.
+
+def flow_of(message: Any) -> Flow:
+    """Return the velocity that a flow sensor measured at its position, in the sensor's axes.
+
+    The driver software of a sensor marks a missing measurement by NaN, or by a variance of at least
+    1e6 m^2/s^2.
     """
-    if not wire.startswith(_LITTLE_ENDIAN):
-        return deserialize_message(wire, Image)
-    try:
-        *stamp, length = struct.unpack_from("<iII", wire, 4)
-        frame, at = _text_at(wire, 16, length)
-        height, width, length = struct.unpack_from("<III", wire, at)
-        encoding, at = _text_at(wire, at + 12, length, gap=False)
-        big, at = wire[at], at + 1
-        step, size = struct.unpack_from("<II", wire, at + -at % 4)
-    except (struct.error, IndexError):
-        raise ValueError(f"an image of {len(wire)} bytes is cut off") from None
-    # A copy is made because the kernels are compiled for writable arrays.
-    data = bytearray(memoryview(wire)[at + -at % 4 + 8 :][:size])
-    return LineImage(_Header(_Stamp(*stamp), frame), height, width, encoding, big, step, data)
-
-
-def _text_at(wire: bytes, start: int, length: int, gap: bool = True) -> tuple[str, int]:
-    """Return a text in a serialized message, and the byte offset of the field that follows it.
-
-    Args:
-        wire: the serialized message.
-        start: byte offset of the text.
-        length: number of bytes of the text with its terminating zero.
-        gap: whether the padding up to a multiple of four bytes is skipped, because the next field
-            is aligned.
-    """
-    end = start + length
-    return wire[start : end - 1].decode(errors="replace"), end + (-end % 4 if gap else 0)
-
-
-def camera_info(frame: str, pixels: int, length: float, width: float = 0.0) -> CameraInfo:
-    """Return a message with the size and scale of a line camera.
-
-    The image has one row. ``k[0]`` is the scale along the axis, in pixels per meter on the ground.
-    ``k[4]`` is the scale across the axis, one pixel per width of the field of view. ``k[2]`` is the
-    center [px].
-
-    Args:
-        frame: frame of the sensor.
-        pixels: number of pixels per line.
-        length: field of view along the axis [m]; 0 if unknown, which makes all scales zero, as for
-            an uncalibrated camera in ROS.
-        width: field of view across the axis [m]; 0 if unknown.
-    """
-    info = stamped(CameraInfo, 0, frame)
-    info.height, info.width = 1, pixels
-    if length == 0.0:
-        return info
-    along, across = pixels / length, 1.0 / width if width > 0.0 else 0.0
-    center = (pixels - 1) / 2.0
-    info.distortion_model, info.d = "plumb_bob", [0.0] * 5
-    info.k = [along, 0.0, center, 0.0, across, 0.0, 0.0, 0.0, 1.0]
-    info.r = [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]
-    info.p = [along, 0.0, center, 0.0, 0.0, across, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0]
-    return info
-
-
-def lines_of(message: Image | LineImage) -> LineArray:
-    """Return the lines of an image, shape (height, width), if possible without copying them.
-
-    Raises:
-        ValueError: the encoding is not mono8 or mono16, or the size does not fit the data.
-    """
-    dtype = _ENCODINGS.get(message.encoding)
-    if dtype is None:
-        raise ValueError(f"the encoding {message.encoding!r} must be mono8 or mono16")
-    if message.is_bigendian:
-        dtype = dtype.newbyteorder(">")
-    row = message.width * dtype.itemsize
-    if message.step < row or len(message.data) < message.step * message.height:
-        raise ValueError(
-            f"an image of {message.height} lines of {message.step} bytes needs at least {row} "
-            f"bytes a line and has {len(message.data)} bytes in all"
-        )
-    rows = np.frombuffer(message.data, np.uint8, message.step * message.height)
-    pixels = rows.reshape(message.height, message.step)[:, :row].view(dtype)
-    return np.ascontiguousarray(pixels).astype(dtype.newbyteorder("="), copy=False)
+    twist = message.twist.twist
+    covariance = np.asarray(message.twist.covariance, dtype=np.float64).reshape(6, 6)[:2, :2]
+    velocity = np.array([twist.linear.x, twist.linear.y])
+    return Flow(to_nanoseconds(message.header.stamp), velocity, covariance.copy())
 
 
 def diagnostics(
@@ -366,7 +282,7 @@ def diagnostics(
         message: one line of text.
         values: details as texts, keyed by name.
     """
-    written = _Cdr()
+    written = Cdr()
     written.stamp(stamp_ns)
     written.text("")  # frame
     written.numbers(1)  # component
@@ -377,21 +293,24 @@ def diagnostics(
     for pair in values.items():
         for text in pair:
             written.text(text)
-    return _LITTLE_ENDIAN + bytes(written) + bytes(-len(written) % 4)
+    return LITTLE_ENDIAN + bytes(written) + bytes(-len(written) % 4)
 
 
-class _Cdr(bytearray):
+class Cdr(bytearray):
     """Serialized message (CDR, little endian) without its encapsulation header of four bytes."""
 
     def numbers(self, *values: int) -> None:
+        """Append unsigned integers of four bytes, each aligned to four bytes."""
         for value in values:
             self.extend(bytes(-len(self) % 4) + value.to_bytes(4, "little"))
 
     def stamp(self, stamp_ns: int) -> None:
+        """Append a stamp [ns] as seconds and nanoseconds."""
         stamp = to_time(stamp_ns)
         self.numbers(stamp.sec & 0xFFFFFFFF, stamp.nanosec)
 
     def text(self, text: str) -> None:
+        """Append a text with its length and a terminating zero."""
         encoded = text.encode() + b"\0"
         self.numbers(len(encoded))
         self.extend(encoded)

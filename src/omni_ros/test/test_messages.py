@@ -14,18 +14,16 @@ from numpy.typing import NDArray
 from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import Image, JointState
 
+from omni_ros.line_images import line_image, lines_of, read_line_image
 from omni_ros.messages import (
     diagnostics,
     joint_state,
-    line_image,
-    lines_of,
     planar_pose,
     planar_pose_of,
-    planar_twist_of,
     planar_twist_with_covariance,
-    read_line_image,
     to_nanoseconds,
     to_time,
+    twist_of,
 )
 
 
@@ -100,7 +98,7 @@ def test_twist_and_covariance_survive() -> None:
     twist = np.array([1.5, -0.25, 0.125])
     covariance = np.array([[4.0, 1.0, 0.5], [1.0, 3.0, -0.25], [0.5, -0.25, 2.0]])
     message = planar_twist_with_covariance(7, twist, covariance)
-    recovered, recovered_covariance = planar_twist_of(message)
+    _, recovered, recovered_covariance, _ = twist_of(message)
     np.testing.assert_array_equal(recovered, twist)
     np.testing.assert_array_equal(recovered_covariance, covariance)
     assert message.twist.covariance[35] == 2.0  # yaw rate is the sixth component

@@ -25,7 +25,7 @@ from omni_platform.configuration import Configuration, parameter
 from omni_platform.description import IMU_FRAME, urdf
 from omni_platform.quantities import SECOND_NS, FloatArray
 from omni_platform.sensors import Mount
-from omni_ros import clocks, messages, parameters, process
+from omni_ros import clocks, line_images, messages, parameters, process
 from omni_ros.environment import report
 from omni_ros.frames import FrameConfiguration, prefix_frames
 from omni_ros.qos import RECENT, RELIABLE, advertise, subscribe
@@ -140,7 +140,7 @@ class SimulatorNode(Node):
             mounts[IMU_FRAME] = Mount(x=imu.x, y=imu.y, heading_deg=0.0)
         self._description.publish(String(data=urdf("vehicle", vehicle.wheels, mounts, size)))
         for name, sensor in self.configuration.sensors.items():
-            info = messages.camera_info(name, sensor.pixels, sensor.length, sensor.width)
+            info = line_images.camera_info(name, sensor.pixels, sensor.length, sensor.width)
             self._send(self._camera_infos[name], info)
 
     def publish(self, observation: Observation) -> None:
@@ -151,7 +151,7 @@ class SimulatorNode(Node):
         """
         stamp_ns = observation.stamp_ns
         for name, batch in observation.line_batches.items():  # first, as matching takes longest
-            image = messages.line_image(batch.stamp_ns, self._prefix + name, batch.lines)
+            image = line_images.line_image(batch.stamp_ns, self._prefix + name, batch.lines)
             self._send(self._lines[name], image)
         clock = self._shared_clock.publisher() if self._shared_clock else None
         if clock is not None:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from omni_platform.sensors import LineSensor
-from omni_ros.messages import camera_info
+from omni_ros.line_images import camera_info
 from omni_sim.configuration import (
     GroundConfiguration,
     SimulationConfiguration,

@@ -13,7 +13,7 @@ from rclpy.node import Node
 
 from omni_platform import topics
 from omni_platform.configuration import Configuration, ConfigurationError, parameter
-from omni_ros.messages import planar_twist_of, planar_twist_with_covariance, to_nanoseconds
+from omni_ros.messages import planar_twist_with_covariance, to_nanoseconds, twist_of
 from omni_ros.parameters import declare_configuration
 from omni_ros.process import run_process, spin_until_stopped
 from omni_ros.qos import BEST_EFFORT, advertise, subscribe
@@ -66,7 +66,7 @@ class TwistAdapterNode(Node):
             twist = np.array([given.linear.x, given.linear.y, given.angular.z])
             covariance = np.zeros((3, 3))
         else:
-            twist, covariance = planar_twist_of(message)
+            _, twist, covariance, _ = twist_of(message)
         if self._configuration.deviation:
             covariance = np.diag(np.square(self._configuration.deviation))
         expected = self._configuration.base_frame

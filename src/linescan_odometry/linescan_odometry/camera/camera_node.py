@@ -18,7 +18,7 @@ from omni_platform import topics
 from omni_platform.configuration import ConfigurationError
 from omni_platform.signals import LineBatch
 from omni_ros.frames import FrameConfiguration, prefix_frames
-from omni_ros.messages import camera_info, line_image
+from omni_ros.line_images import camera_info, line_image
 from omni_ros.parameters import declare_configuration
 from omni_ros.process import NodeError, Spinner, StartupConfiguration, run_process
 from omni_ros.qos import advertise

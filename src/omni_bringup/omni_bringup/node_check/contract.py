@@ -14,7 +14,7 @@ from omni_platform.geometry import WheelMount
 from omni_platform.kinematics import PlatformKinematics
 from omni_platform.quantities import SECOND_NS, BoolArray, FloatArray, IntArray
 from omni_platform.signals import upwards_problem
-from omni_ros.messages import planar_twist_of, to_nanoseconds
+from omni_ros.messages import to_nanoseconds, twist_of
 
 
 @dataclass(frozen=True)
@@ -152,7 +152,7 @@ def twist_breaches(exchange: Exchange, motion: "WheelMotion") -> Iterator[str]:
     """
     share, amount = CONTRACT.speed_excess
     for one in exchange.answers:
-        speed = float(np.hypot(*planar_twist_of(one.message)[0][:2]))
+        speed = float(np.hypot(*twist_of(one.message).value[:2]))
         if _is_measured(one.message) and speed > (1.0 + share) * motion.fastest + amount:
             yield (
                 f"speed {speed:.2f} m/s (phase {one.phase!r}, stamp "
@@ -211,7 +211,7 @@ class WheelMotion(NamedTuple):
         share, amount = CONTRACT.speed_excess
         at = np.searchsorted(self.stamp_ns, [one.stamp_ns for one in answers], side="right") - 1
         pairs = [
-            (planar_twist_of(one.message)[0][:2], self.velocity[row])
+            (twist_of(one.message).value[:2], self.velocity[row])
             for one, row in zip(answers, at, strict=True)
             if row >= 0 and self.rolling[row]
         ]
@@ -367,14 +367,14 @@ def _is_measured(message: Any) -> bool:
     """Return whether a message is a finite twist with a small variance."""
     if not hasattr(message, "twist"):  # lines of a camera
         return False
-    twist, covariance = planar_twist_of(message)
+    _, twist, covariance, _ = twist_of(message)
     finite = bool(np.all(np.isfinite(twist)))
     return finite and bool(np.max(np.diag(covariance)) < CONTRACT.largest_variance)
 
 
 def _twist_problem(message: Any) -> str:
     """Return a description of the violation in a twist; empty without a violation."""
-    twist, covariance = planar_twist_of(message)
+    _, twist, covariance, _ = twist_of(message)
     if message.header.frame_id.rpartition("/")[2] != "base_link":
         return f"frame_id {message.header.frame_id!r} must be base_link"
     if not np.all(np.isfinite(twist)) or not np.all(np.isfinite(covariance)):

@@ -3,7 +3,6 @@
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 
-from linescan_odometry.messages import line_batch_of
 from omni_platform import topics
 from omni_platform.sensors import LineSensor
 from omni_platform.signals import LineBatch, Lines
@@ -11,7 +10,7 @@ from omni_recording import decode, metadata, write
 from omni_recording.definitions import find_message_definition
 from omni_recording.error import BagError
 from omni_recording.folder import Bag, bag_summary
-from omni_ros.messages import line_image
+from omni_ros.line_images import line_batch_of, line_image
 
 DEPTH = 200
 """Queue depth of the publishers, as stored in the metadata of recorded lines and outputs."""

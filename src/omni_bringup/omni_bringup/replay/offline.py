@@ -8,16 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from linescan_odometry.messages import estimate_messages, flow_of, line_batch_of
+from linescan_odometry.odometry_node import estimate_messages
 from linescan_odometry.port import OdometryPort
 from omni_brake_assist.brake_assist import BrakeAssist
-from omni_brake_assist.messages import (
-    decision_messages,
-    imu_reading_of,
-    pedal_of,
-    twist_of,
-    wheel_speeds_of,
-)
+from omni_brake_assist.brake_assist_node import decision_messages
 from omni_brake_assist.step_pairing import Sample, StepPairing
 from omni_bringup.replay import lines as replay_lines
 from omni_bringup.replay import plan as plans
@@ -29,7 +23,8 @@ from omni_recording.decode import decoded_messages
 from omni_recording.definitions import find_message_definition
 from omni_recording.error import BagError
 from omni_recording.folder import Bag
-from omni_ros.messages import to_nanoseconds
+from omni_ros import messages
+from omni_ros.line_images import line_batch_of
 
 Messages = Mapping[str, Any]  # by topic name
 
@@ -64,7 +59,7 @@ def replay_offline(bag: Bag, plan: plans.ReplayPlan, folder: Path) -> None:
                 raise BagError(bag.path, f"{topic} at {recorded.log_ns} ns: {error}") from None
             for output, answer in results:
                 data = bytes(store.serialize_cdr(_with_arrays(answer), plan.outputs[output]))
-                writer.write(output, to_nanoseconds(answer.header.stamp), data)
+                writer.write(output, messages.to_nanoseconds(answer.header.stamp), data)
 
 
 class _Cores:
@@ -79,8 +74,8 @@ class _Cores:
             self._takers |= _odometry(configuration)
 
     def take(self, topic: str, message: Any) -> Iterator[tuple[str, Any]]:
-        for messages in self._takers[topic](message):
-            for name, result in messages.items():
+        for answers in self._takers[topic](message):
+            for name, result in answers.items():
                 output = f"/{name}"
                 yield output, result
                 if output in self._takers:  # this output is an input of another core
@@ -95,7 +90,7 @@ def _odometry(configuration: ExperimentConfiguration) -> dict[str, Callable[[Any
 
     odometry = configuration.odometry
     lines = {topics.lines(name).path: taker(name, line_batch_of) for name in odometry.sensors}
-    return lines | {topics.flow(s).path: taker(s, flow_of) for s in odometry.flow_sensors}
+    return lines | {topics.flow(s).path: taker(s, messages.flow_of) for s in odometry.flow_sensors}
 
 
 def _assistant(configuration: ExperimentConfiguration) -> dict[str, Callable[[Any], Any]]:
@@ -117,13 +112,13 @@ def _assistant(configuration: ExperimentConfiguration) -> dict[str, Callable[[An
 
     def checked_speeds_of(message: Any) -> WheelSample | None:
         fault = assist.check_wheel_names(message.name)
-        return wheel_speeds_of(message, wheels) if fault is None else None
+        return messages.wheel_speeds_of(message, wheels) if fault is None else None
 
     return {
         topics.WHEEL_STATES.path: taker(checked_speeds_of),
-        topics.IMU.path: taker(imu_reading_of),
-        topics.PEDAL.path: taker(pedal_of),
-        plans.feedback_topic(configuration).path: taker(twist_of),
+        topics.IMU.path: taker(messages.imu_reading_of),
+        topics.PEDAL.path: taker(messages.pedal_of),
+        plans.feedback_topic(configuration).path: taker(messages.twist_of),
     }
 
 
