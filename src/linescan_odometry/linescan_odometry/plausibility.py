@@ -18,6 +18,9 @@ class Plausibility:
     """Rejects displacements that differ too much from the last measured displacement.
 
     The limit on the difference follows from the acceleration limit and the elapsed time.
+
+    Attributes:
+        limit: limit on the acceleration of the sensor along its axis [m/s^2]; 0 for no limit.
     """
 
     def __init__(self, sensor: LineSensor, maximum_acceleration: float, tolerance: float) -> None:
@@ -25,10 +28,10 @@ class Plausibility:
 
         Args:
             sensor: configuration of the line camera.
-            maximum_acceleration: limit on the acceleration of the sensor along its axis [m/s^2]; 0
-                for no limit.
+            maximum_acceleration: the attribute `limit`.
             tolerance: limit on the error of a displacement, added to the permitted difference [px].
         """
+        self.limit = maximum_acceleration
         self._period_ns = 1e9 / sensor.line_rate
         # Limit on the rate of change of the displacement per line [px/ns].
         self._rate = maximum_acceleration / (sensor.pixel_pitch * sensor.line_rate) * 1e-9

@@ -14,7 +14,7 @@ from typing import Protocol
 import numpy as np
 
 from linescan_odometry.configuration import OdometryConfiguration
-from linescan_odometry.joint.estimator import JointMethod
+from linescan_odometry.joint.estimator import JointEstimator
 from linescan_odometry.joint.fixed_pattern import FixedPattern
 from linescan_odometry.measurements import Displacement, SensorReading, Unmeasured
 from linescan_odometry.pair_method import PairsMethod
@@ -236,9 +236,9 @@ class SensorOdometry:
         self._method: Method = (
             PairsMethod(sensor, configuration)
             if configuration.method == "pairs"
-            else JointMethod(
+            else JointEstimator(
                 sensor,
-                configuration,
+                configuration.shift_limit(sensor),
                 0.0 if self._references.white else sensor.non_uniformity,
                 self._references.pattern,
             )
@@ -253,7 +253,7 @@ class SensorOdometry:
     def pattern(self) -> FixedPattern | None:
         """Present estimate of the camera's fixed pattern; None with the method `pairs`."""
         method = self._method
-        return method.estimator.pattern if isinstance(method, JointMethod) else None
+        return method.pattern if isinstance(method, JointEstimator) else None
 
     def update(self, batch: LineBatch) -> SensorReading:
         """Return the mean velocity over a batch; this method never raises an exception."""

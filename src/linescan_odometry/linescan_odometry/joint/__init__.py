@@ -16,12 +16,11 @@ covariance T:
 
 S is the power of the texture, rho its coherence between neighboring lines, and N the power of the
 noise. These three depend on the frequency; delta_kj is 1 for k = j, else 0. The pattern is also
-Gaussian. Each batch updates its mean and variance at every frequency. The mean is subtracted, and
-the variance is marginalized. The variance of the displacement therefore increases where a pattern
-could be mistaken for motion: in slow motion over coarse texture.
+Gaussian. Each batch updates its mean and variance at every frequency, and the mean is subtracted.
 
 In motion, the prior variance of the pattern is the power of its estimate. At rest, ground and
 pattern cannot be separated. The prior variance is then the specified non-uniformity of the pixels,
-and S contains only the power above the posterior variance of the pattern after earlier batches. A
-batch can be at rest only if the differences of neighboring lines are white noise.
+S contains only the power above the posterior variance of the pattern after earlier batches, and N
+contains this variance. A batch can be at rest only if the differences of neighboring lines are
+white noise.
 """

@@ -49,22 +49,18 @@ class Layout(NamedTuple):
     limit: int
 
 
-class Products(NamedTuple):
+class Correlation(NamedTuple):
     """Correlations between the lines of a batch at four line spacings and all frequencies.
 
     Attributes:
         lagged: mean cross spectrum of the pairs of lines at each spacing, shape (4, F).
-        newer: mean spectrum of the newer lines of the pairs at each spacing, shape (4, F).
-        older: mean spectrum of the older lines of the pairs at each spacing, shape (4, F).
-        mean: mean spectrum of all lines, shape (F,).
-        power: mean power spectrum of the lines of the pairs at each spacing, shape (4, F).
+        power: mean power spectrum of the lines, shape (F,).
+        number: effective number of independent pairs at each spacing, shape (4, F).
     """
 
     lagged: Spectrum
-    newer: Spectrum
-    older: Spectrum
-    mean: Spectrum
     power: Floats
+    number: Floats
 
 
 def band_pass(size: int, count: int) -> Floats:
@@ -77,85 +73,65 @@ def band_pass(size: int, count: int) -> Floats:
 
 @linked
 @kernel
-def correlate(lines: Spectrum) -> Products:
-    """Return the correlations between the lines of a batch.
+def correlate(lines: Spectrum, fixed: Spectrum) -> Correlation:
+    """Return the correlations between the lines of a batch after subtraction of a fixed pattern.
 
     Args:
         lines: spectra of the lines, shape (m, F).
+        fixed: spectrum of the fixed pattern or of the mean of all lines, shape (F,).
     """
     m, count = lines.shape
-    distances = spacings(m)
-    lagged, newer, older = np.zeros((3, SPACINGS, count), np.complex64)
-    square = lines.real**2 + lines.imag**2
-    total, whole = lines.sum(axis=0), square.sum(axis=0)
-    power = np.zeros((SPACINGS, count), np.float32)
+    distances, rest = spacings(m), lines - fixed
+    lagged, power = np.zeros((SPACINGS, count), np.complex64), np.zeros(count, np.float32)
+    shared = np.zeros((SPACINGS, count), np.float32)
+    for k in range(m):
+        new = rest[k]
+        for f in range(count):
+            power[f] += new[f].real * new[f].real + new[f].imag * new[f].imag
+    power *= np.float32(1.0 / m)
     for which in range(SPACINGS):
-        lag = distances[which]
-        if lag >= m:
-            continue
-        products, ahead, behind, own = lagged[which], newer[which], older[which], power[which]
-        ahead[:], behind[:], own[:] = total, total, whole
-        for k in range(lag):
-            first, last = lines[k], lines[m - 1 - k]
-            both = square[k] + square[m - 1 - k]
-            for f in range(count):
-                ahead[f] -= first[f]
-                behind[f] -= last[f]
-                own[f] -= np.float32(0.5) * both[f]
+        products, lag = lagged[which], distances[which]
         for k in range(lag, m):
-            new, old = lines[k], lines[k - lag]
+            new, old = rest[k], rest[k - lag]
             for f in range(count):
                 products[f] += new[f] * np.conj(old[f])
-        scale = np.float32(1.0 / (m - lag))
-        products *= scale
-        ahead *= scale
-        behind *= scale
-        own *= scale
-    return Products(lagged, newer, older, total * np.float32(1.0 / m), power)
+        # For noise alone, the squared coherence of N pairs is 1 / N on average.
+        noise = 1.0 / max(m - lag, 1)
+        products *= np.float32(noise)
+        for f in range(count):
+            energy = products[f].real ** 2 + products[f].imag ** 2
+            coherence = energy / max(power[f] * power[f], 1e-18)
+            shared[which, f] = min(max((coherence - noise) / max(1.0 - noise, 1e-9), 0.0), 1.0)
+    return Correlation(lagged, power, spectra.independent(shared, distances, m))
 
 
 @linked
 @kernel
 def find(
-    products: Products, layout: Layout, pattern: Spectrum, weight: Floats, last: float
+    correlations: tuple[Correlation, Correlation], layout: Layout, weight: Floats, last: float
 ) -> Doubles:
     """Return candidates for the displacement per line [px]: `last` and the peaks, shape (c,).
 
     Args:
-        products: correlations from `correlate`.
+        correlations: correlations after subtraction of the present estimate of the fixed pattern,
+            and after subtraction of the mean of all lines, in which no fixed pattern remains.
         layout: sizes of the batch.
-        pattern: spectrum of the present estimate of the fixed pattern, shape (F,).
         weight: weight of each frequency, from `band_pass`, shape (F,).
         last: displacement per line in the previous batch [px]; NaN without a previous batch.
     """
     lines, _, size, limit = layout
-    count = len(pattern)
     distances = spacings(lines)
     found = np.empty(1 + 2 * _PEAKS)
     number = 0
     if np.isfinite(last):
         found[0], number = last, 1
-    # After the mean of all lines has been subtracted, no fixed pattern remains.
-    for removed in (pattern, products.mean):
-        rest = spectra.smoothed(
-            products.power[0]
-            - 2.0 * (removed * np.conj(products.mean)).real
-            + (removed * np.conj(removed)).real
-        )
+    for own in correlations:
+        whitening = weight / np.maximum(spectra.smoothed(own.power), 1e-9)
         correlation = np.zeros((SPACINGS, size), np.float32)
         for which in range(SPACINGS):
-            if distances[which] >= lines:
-                continue
             whitened = np.zeros(size // 2 + 1, np.complex64)
-            ahead, behind = products.newer[which], products.older[which]
-            for f in range(1, count):
-                value = (
-                    products.lagged[which, f]
-                    - ahead[f] * np.conj(removed[f])
-                    - removed[f] * np.conj(behind[f])
-                    + removed[f] * np.conj(removed[f])
-                )
-                whitened[f] = value * (weight[f] / np.float32(max(rest[f], 1e-9)))
+            for f in range(len(weight)):
+                whitened[f] = own.lagged[which, f] * np.float32(whitening[f])
             correlation[which] = np.fft.irfft(whitened, size)
         stack = np.full(2 * limit + 1, -np.inf)
         for d in range(-limit, limit + 1):

@@ -5,73 +5,26 @@ pattern, or the mean of all lines, has been subtracted.
 """
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 
-from linescan_odometry.joint import spectra
-from linescan_odometry.joint.candidates import APART, SPACINGS, Layout, Products, farthest, spacings
-from linescan_odometry.joint.spectra import Doubles, Floats, Spectrum
-from omni_platform.kernels import kernel, linked
+from linescan_odometry.joint import candidates, spectra
+from linescan_odometry.joint.candidates import Correlation, Layout, farthest, spacings
+from linescan_odometry.joint.spectra import Doubles, Floats
+from omni_platform.kernels import kernel
 
 # Highest frequency at which candidates are compared [cycles per pixel].
 _COMPARED = 0.5 * spectra.HIGHEST
 
 
-class Remainder(NamedTuple):
-    """Correlations between the lines of a batch after subtraction of a fixed pattern.
-
-    Attributes:
-        lagged: mean cross spectrum of the pairs of lines at each spacing, shape (4, F).
-        power: mean power spectrum of the lines of the pairs at each spacing, shape (4, F).
-        number: effective number of independent pairs at each spacing, shape (4, F).
-    """
-
-    lagged: Spectrum
-    power: Floats
-    number: Floats
-
-
-@linked
 @kernel
-def subtract(products: Products, layout: Layout, fixed: Spectrum) -> Remainder:
-    """Return the correlations that lines have after subtraction of a fixed pattern.
-
-    The result contains only the frequencies at which candidates are compared.
-
-    Args:
-        products: correlations from `correlate`.
-        layout: sizes of the batch.
-        fixed: spectrum of the fixed pattern or of the mean of all lines, shape (F,).
-    """
-    distances, count = spacings(layout.lines), int(_COMPARED / spectra.HIGHEST * len(fixed))
-    lagged = np.empty((SPACINGS, count), np.complex64)
-    power, square = np.zeros((2, SPACINGS, count), np.float32)
-    for which in range(SPACINGS):
-        # For noise alone, the squared coherence of N pairs is 1 / N on average.
-        noise = 1.0 / max(layout.lines - distances[which], 1)
-        product, own = lagged[which], power[which]
-        whole, energy = products.lagged[which], products.power[which]
-        newer, older = products.newer[which], products.older[which]
-        for f in range(count):
-            both = (fixed[f] * np.conj(fixed[f])).real
-            product[f] = (
-                whole[f] - newer[f] * np.conj(fixed[f]) - fixed[f] * np.conj(older[f]) + both
-            )
-            own[f] = energy[f] - ((newer[f] + older[f]) * np.conj(fixed[f])).real + both
-            shared = (abs(product[f]) / max(own[f], 1e-9)) ** 2
-            square[which, f] = min(max((shared - noise) / max(1.0 - noise, 1e-9), 0.0), 1.0)
-    return Remainder(lagged, power, spectra.independent(square, distances, layout.lines))
-
-
-@kernel
-def against_noise(rest: Remainder, layout: Layout) -> Remainder:
+def against_noise(rest: Correlation, layout: Layout) -> Correlation:
     """Return the correlations, with all pairs of lines counted as independent.
 
     Pairs of lines that contain only noise are independent.
     """
     pairs = np.maximum(layout.lines - spacings(layout.lines), 1).astype(np.float32)
-    return Remainder(rest.lagged, rest.power, np.ones_like(rest.number) * pairs.reshape(-1, 1))
+    return Correlation(rest.lagged, rest.power, np.ones_like(rest.number) * pairs.reshape(-1, 1))
 
 
 @kernel
@@ -110,46 +63,36 @@ def colored(logs: Floats, taper: Floats, layout: Layout) -> float:
 
 
 @kernel
-def coherent(
-    rest: Remainder, layout: Layout, displacement: float, spread: float, which: int
-) -> float:
+def coherent(rest: Correlation, layout: Layout, displacement: float, which: int) -> float:
     """Return the log-likelihood ratio of a displacement versus incoherent lines [nats].
 
     Args:
         rest: correlations between the lines.
         layout: sizes of the batch.
         displacement: displacement per line [px].
-        spread: width of a range around the displacement [px]; the result is the largest ratio at
-            three displacements in this range.
         which: index of the line spacing in `spacings`.
     """
     size = layout.size
     edges = spectra.bands(size)
     edges = edges[edges <= _COMPARED * size]
-    lag = spacings(layout.lines)[which]
-    near = np.array([-0.5, 0.0, 0.5]) * spread if spread > 0.0 else np.zeros(1)
-    turned = spectra.phases(lag * (displacement + near), size, edges[-1])
-    value, power = rest.lagged[which], rest.power[which]
-    best, gain = 0.0, np.empty(edges[-1], np.float32)
-    for step in range(len(near)):
-        overlap = max(1.0 - abs(lag * (displacement + near[step])) / layout.pixels, 1e-3)
-        turn = turned[step]
-        for f in range(len(gain)):
-            gain[f] = value[f].real * turn[f].real - value[f].imag * turn[f].imag
-        total = 0.0
-        for b in range(len(edges) - 1):
-            i, j = edges[b], edges[b + 1]
-            own = max(overlap * spectra.sum_of(power[i:j]), 1e-9)
-            coherence = min(max(spectra.sum_of(gain[i:j]) / own, 0.0), 0.999)
-            # The part without overlap adds noise, which the division by the overlap amplifies.
-            number = overlap**2 * spectra.sum_of(rest.number[which, i:j]) * layout.pixels / size
-            total -= 0.5 * number * math.log1p(-coherence * coherence)
-        best = max(best, total)
-    return best
+    shift = np.full(1, spacings(layout.lines)[which] * displacement)
+    turn = spectra.phases(shift, size, edges[-1])[0]
+    value, gain = rest.lagged[which], np.empty(edges[-1], np.float32)
+    for f in range(len(gain)):
+        gain[f] = value[f].real * turn[f].real - value[f].imag * turn[f].imag
+    overlap, total = max(1.0 - abs(shift[0]) / layout.pixels, 1e-3), 0.0
+    for b in range(len(edges) - 1):
+        i, j = edges[b], edges[b + 1]
+        own = max(overlap * spectra.sum_of(rest.power[i:j]), 1e-9)
+        coherence = min(max(spectra.sum_of(gain[i:j]) / own, 0.0), 0.999)
+        # The part without overlap adds noise, which the division by the overlap amplifies.
+        number = overlap**2 * spectra.sum_of(rest.number[which, i:j]) * layout.pixels / size
+        total -= 0.5 * number * math.log1p(-coherence * coherence)
+    return total
 
 
 @kernel
-def rate(rest: Remainder, layout: Layout, found: Doubles) -> Doubles:
+def rate(rest: Correlation, layout: Layout, found: Doubles) -> Doubles:
     """Return the log-likelihood ratio of each candidate versus noise [nats], shape (c,).
 
     The result is the largest ratio at any line spacing up to `farthest`, and at least 0.
@@ -161,16 +104,13 @@ def rate(rest: Remainder, layout: Layout, found: Doubles) -> Doubles:
     """
     evidence, rest = np.zeros(len(found)), against_noise(rest, layout)
     for i in range(len(found)):
-        last = farthest(found[i], layout)
-        spread = 0.5 / spacings(layout.lines)[last]
-        for which in range(last + 1):
-            own = coherent(rest, layout, found[i], spread, which)
-            evidence[i] = max(evidence[i], own)
+        for which in range(farthest(found[i], layout) + 1):
+            evidence[i] = max(evidence[i], coherent(rest, layout, found[i], which))
     return evidence
 
 
 @kernel
-def turning(rest: Remainder, layout: Layout) -> float:
+def turning(rest: Correlation, layout: Layout) -> float:
     """Return the log-likelihood ratio of any motion along the axis versus none [nats].
 
     Motion along the axis turns the phases of the correlations between lines; motion across the axis
@@ -184,11 +124,11 @@ def turning(rest: Remainder, layout: Layout) -> float:
     edges = spectra.bands(layout.size)
     edges = edges[edges <= _COMPARED * layout.size]
     largest = 0.0
-    for which in range(SPACINGS):
+    for which in range(candidates.SPACINGS):
         # For noise alone, the squared coherence of N pairs is 1 / N on average.
         noise = 1.0 / max(layout.lines - spacings(layout.lines)[which], 2)
-        value, power = rest.lagged[which], rest.power[which]
-        total = -coherent(rest, layout, 0.0, 0.0, which)
+        value, power = rest.lagged[which], rest.power
+        total = -coherent(rest, layout, 0.0, which)
         for b in range(len(edges) - 1):
             i, j, shared = edges[b], edges[b + 1], 0.0
             for f in range(i, j):
@@ -203,7 +143,7 @@ def turning(rest: Remainder, layout: Layout) -> float:
 
 @kernel
 def scatter(
-    rest: Remainder, layout: Layout, displacement: float, limits: tuple[float, float]
+    rest: Correlation, layout: Layout, displacement: float, limits: tuple[float, float]
 ) -> float:
     """Return the variance [px^2] of a displacement due to rivals, which are similarly likely.
 
@@ -223,17 +163,16 @@ def scatter(
     """
     excluded, share = limits
     last = farthest(displacement, layout)
-    spread = 0.5 / spacings(layout.lines)[last]
     own = np.zeros(last + 1)
     for which in range(last + 1):
-        own[which] = coherent(rest, layout, displacement, spread, which)
-    away = np.arange(1.0, APART + 1.0)
+        own[which] = coherent(rest, layout, displacement, which)
+    away = np.arange(1.0, candidates.APART + 1.0)
     total, moment = 1.0, 0.0
     for rivals in (np.zeros(1), displacement - away, displacement + away):
         for rival in rivals:
             loss, which = 0.0, last
             while which >= 0 and loss < excluded:
-                other = coherent(rest, layout, rival, spread, which)
+                other = coherent(rest, layout, rival, which)
                 loss, which = max(loss, own[which] - other), which - 1
             if loss >= excluded:
                 break
@@ -245,7 +184,7 @@ def scatter(
 
 @kernel
 def decide(
-    rest: Remainder,
+    rest: Correlation,
     layout: Layout,
     found: Doubles,
     evidence: Doubles,
@@ -275,7 +214,7 @@ def decide(
     for i in range(len(found)):
         # If lines do not overlap, noise causes distant rivals. At the single spacing that
         # `_contest` uses, they may be absent.
-        if abs(found[i] - found[best]) >= APART and evidence[i] > ratio * evidence[best]:
+        if abs(found[i] - found[best]) >= candidates.APART and evidence[i] > ratio * evidence[best]:
             ambiguous = True
         if i != best and not ambiguous:
             own, other, between = _contest(rest, layout, found[best], found[i], likely)
@@ -287,7 +226,7 @@ def decide(
 
 @kernel
 def _contest(
-    rest: Remainder, layout: Layout, one: float, other: float, likely: float
+    rest: Correlation, layout: Layout, one: float, other: float, likely: float
 ) -> tuple[float, float, float]:
     """Return the log-likelihoods of two displacements and of their mean [nats].
 
@@ -303,10 +242,9 @@ def _contest(
     """
     which = min(farthest(one, layout), farthest(other, layout))
     while True:
-        spread = 0.5 / spacings(layout.lines)[which]
-        first = coherent(rest, layout, one, spread, which)
-        second = coherent(rest, layout, other, spread, which)
+        first = coherent(rest, layout, one, which)
+        second = coherent(rest, layout, other, which)
         if which == 0 or max(first, second) > likely:
-            between = coherent(rest, layout, 0.5 * (one + other), 0.0, which)
+            between = coherent(rest, layout, 0.5 * (one + other), which)
             return first, second, between
         which -= 1

@@ -5,10 +5,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from linescan_odometry.configuration import OdometryConfiguration
 from linescan_odometry.joint import candidates, decision, fixed_pattern, spectra
 from linescan_odometry.joint.fit import Fit, assess
-from linescan_odometry.joint.likelihood import Precision, expand
+from linescan_odometry.joint.likelihood import expand
 from linescan_odometry.matching.transforms import load_transforms, transform_size
 from linescan_odometry.measurements import Displacement, Unmeasured
 from linescan_odometry.plausibility import Plausibility
@@ -34,9 +33,7 @@ class Estimate(NamedTuple):
     Attributes:
         value: mean displacement per line [px].
         variance: variance of the displacement [px^2].
-        flaw: format string of `reason`, with a replacement field for `features`.
-        features: effective number of independent features that move with the displacement; 0 if no
-            maximum of the likelihood was found.
+        reason: reason why the displacement is invalid; empty for a valid displacement.
         rest: logarithm of the gray levels, minus the fixed pattern, shape (m, n). If the
             displacement was rejected before the fit, the pattern is not subtracted.
         coherence: coherence between neighboring lines [1]; 0 if the displacement was rejected
@@ -46,16 +43,10 @@ class Estimate(NamedTuple):
 
     value: float
     variance: float
-    flaw: str
-    features: float
+    reason: str
     rest: spectra.Floats
     coherence: float
     pattern: fixed_pattern.FixedPattern
-
-    @property
-    def reason(self) -> str:
-        """Reason why the displacement is invalid; empty for a valid displacement."""
-        return self.flaw.format(self.features)
 
 
 class _Camera(NamedTuple):
@@ -83,21 +74,22 @@ class _View(NamedTuple):
         logs: logarithm of the gray levels after the interpolation of defective pixels, shape
             (m, n).
         spectra: spectra of `logs`, shape (m, F).
-        products: correlations between the lines.
+        mean: mean of `spectra`, shape (F,).
         known: spectrum of the fixed pattern before this batch, shape (F,).
         found: candidates for the displacement per line [px], shape (c,).
-        remainder: correlations after subtraction of the mean of all lines, or of the fixed pattern
-            if the batch has few lines.
+        usual: correlations after subtraction of `known`.
+        remainder: correlations after subtraction of `mean`, or `usual` if the batch has few lines.
     """
 
     recorded: Lines
     table: spectra.Floats
     logs: spectra.Floats
     spectra: spectra.Spectrum
-    products: candidates.Products
+    mean: spectra.Spectrum
     known: spectra.Spectrum
     found: spectra.Doubles
-    remainder: decision.Remainder
+    usual: candidates.Correlation
+    remainder: candidates.Correlation
 
 
 class _Maximum(NamedTuple):
@@ -129,44 +121,61 @@ class JointEstimator:
 
     def __init__(
         self,
-        pixels: int,
+        sensor: LineSensor,
         limit: int,
-        acceleration: float,
         non_uniformity: float = LineSensor.non_uniformity,
+        pattern: fixed_pattern.FixedPattern | None = None,
     ) -> None:
-        """Create the estimator of one camera, whose fixed pattern is unknown.
+        """Create the estimator of one camera.
 
         Args:
-            pixels: number of pixels n of a line.
+            sensor: configuration of the camera.
             limit: limit on the shift between two compared lines [px].
-            acceleration: standard deviation of the displacement's change from line to line [px].
             non_uniformity: standard deviation of the fixed pattern before the camera has moved,
                 relative to the gray level [1].
+            pattern: fixed pattern from an earlier run, or None.
         """
         load_transforms()
         self._limit = limit
-        self._size = int(transform_size(2 * pixels))  # no shift wraps around
+        self._size = int(transform_size(2 * sensor.pixels))  # no shift wraps around
         bins = int(spectra.HIGHEST * self._size)
-        taper = spectra.window(pixels)
+        taper = spectra.window(sensor.pixels)
         self._tables = {1: spectra.log_table(8), 2: spectra.log_table(16)}
         power = non_uniformity**2 * float((taper**2).sum())
         stated = 1.0 / power if power > 0.0 else math.inf
         weight = candidates.band_pass(self._size, bins)
-        self._camera = _Camera(taper, weight, stated, acceleration)
-        self.pattern = fixed_pattern.FixedPattern(np.zeros(bins, np.complex64), np.zeros(bins))
+        change = _ACCELERATION / (sensor.line_rate**2 * sensor.pixel_pitch)
+        self._camera = _Camera(taper, weight, stated, change)
+        unknown = fixed_pattern.FixedPattern(np.zeros(bins, np.complex64), np.zeros(bins))
+        self.pattern = unknown if pattern is None else pattern
+        self._last = math.nan
 
-    def estimate(self, lines: Lines, last: float = math.nan) -> Estimate:
-        """Return the displacement estimated from a batch of lines.
+    def reset(self) -> None:
+        """Discard the last displacement; the next line starts a new sequence."""
+        self._last = math.nan
 
-        Args:
-            lines: lines of the batch, oldest first, shape (m, pixels).
-            last: displacement per line in the previous batch [px]; NaN without a previous batch.
-        """
+    def measure(self, lines: Lines, plausibility: Plausibility, stamp_ns: int) -> Displacement:
+        """Return the mean displacement per line in a batch; implements `sensor.Method.measure`."""
+        estimate = self.estimate(lines)
+        if estimate.reason:
+            raise Unmeasured(estimate.reason, unmatched=True)
+        if not plausibility.check(stamp_ns, np.array([estimate.value]))[0]:
+            raise Unmeasured(
+                f"not plausible: {estimate.value:.3g} px per line needs more than "
+                f"{plausibility.limit:g} m/s^2 since the last measurement"
+            )
+        self._last = estimate.value
+        return Displacement(
+            estimate.value, estimate.variance, estimate.coherence, 1.0, estimate.rest
+        )
+
+    def estimate(self, lines: Lines) -> Estimate:
+        """Return the displacement estimated from a batch of lines, oldest first, shape (m, n)."""
         m, n = lines.shape
         layout = candidates.Layout(m, n, self._size, self._limit)
         table = self._tables[lines.itemsize]
         repaired = fixed_pattern.without_defects(lines)
-        estimate = _estimate(lines, repaired, table, self._camera, self.pattern, layout, last)
+        estimate = _estimate(lines, repaired, table, self._camera, self.pattern, layout, self._last)
         self.pattern = estimate.pattern
         return estimate
 
@@ -196,22 +205,23 @@ def _estimate(
     """
     logs = spectra.logarithms(repaired, table)
     transformed = spectra.spectra_of(logs, camera.taper, layout.size)
-    products = candidates.correlate(transformed)
     known = fixed_pattern.shrink(pattern.information, pattern.precision)
-    found = candidates.find(products, layout, known, camera.weight, last)
-    removed = products.mean if layout.lines >= fixed_pattern.FEWEST_LINES else known
-    remainder = decision.subtract(products, layout, removed)
-    view = _View(lines, table, logs, transformed, products, known, found, remainder)
+    mean = transformed.sum(axis=0) / np.float32(layout.lines)
+    usual = candidates.correlate(transformed, known)
+    varying = candidates.correlate(transformed, mean)
+    found = candidates.find((usual, varying), layout, camera.weight, last)
+    remainder = varying if layout.lines >= fixed_pattern.FEWEST_LINES else usual
+    view = _View(lines, table, logs, transformed, mean, known, found, usual, remainder)
     d, moves, flaw = _choose(view, camera, layout, last)
     if flaw:
-        return Estimate(d, math.inf, flaw, 0.0, view.logs, 0.0, pattern)
+        return Estimate(d, math.inf, flaw, view.logs, 0.0, pattern)
     # At rest, and with few lines, ground and pattern cannot be separated. The prior of the pattern
     # then determines the split.
     parted = moves and layout.lines >= fixed_pattern.FEWEST_LINES
     best = _maximize(view, camera, pattern, layout, d, parted)
     if not np.isfinite(best.motion).all():
         flaw = "no maximum of the likelihood"
-        return Estimate(d, math.inf, flaw, 0.0, best.rest, 0.0, pattern)
+        return Estimate(d, math.inf, flaw, best.rest, 0.0, pattern)
     d, fit, variance = best.motion[0], best.fit, best.fit.variance
     if not moves and not math.isfinite(variance):
         variance = fit.white  # at rest all lines are equal, so few features suffice
@@ -223,7 +233,7 @@ def _estimate(
             pattern.information * kept + best.information, pattern.precision * kept + best.precision
         )
         variance += decision.scatter(view.remainder, layout, d, (_LIKELY, _RATIO))
-    return Estimate(d, variance, flaw, fit.features, best.rest, fit.coherence, pattern)
+    return Estimate(d, variance, flaw, best.rest, fit.coherence, pattern)
 
 
 @kernel
@@ -265,8 +275,7 @@ def _choose(
         < limit
     ):
         c = found[static[int(np.argmax(evidence[static]))]]
-        rest = decision.subtract(view.products, layout, view.known)
-        own = decision.coherent(decision.against_noise(rest, layout), layout, c, 1.0, 0)
+        own = decision.coherent(decision.against_noise(view.usual, layout), layout, c, 0)
         return c, moves, "" if own > _LIKELY else "low texture"
     if evidence[best] < _LIKELY:
         return found[best], True, "low texture"
@@ -301,9 +310,10 @@ def _maximize(
             anew in each step; otherwise the pattern known before the batch is kept.
     """
     motion, kappa = np.array([start, 0.0]), np.arange(layout.lines) - 0.5 * (layout.lines - 1)
-    pattern, batch = view.known, np.zeros(len(view.known))
-    before = learned.precision + camera.stated
-    information, removed = view.known, view.products.mean
+    pattern, removed, information = view.known, view.mean, view.known
+    fixed, batch = 1.0 / (learned.precision + camera.stated), np.zeros(len(view.known))
+    if parted:
+        fixed[:] = 0.0
     # Steps are limited to 1 px, so they do not lead to another peak.
     for number in range(candidates.APART):
         if parted:
@@ -314,7 +324,7 @@ def _maximize(
             pattern = fixed_pattern.posterior(together, before + batch)
         rest = spectra.without(view.logs, pattern, camera.taper, layout.size)
         removed = pattern
-        here = expand(rest, Precision(before, batch), motion, layout.limit, camera.spread)
+        here = expand(rest, fixed, motion, layout.limit, camera.spread)
         motion = motion + here.step
         # The first pattern is estimated at the candidate, so at least two steps are needed. After a
         # step of less than one standard deviation, a further step would change little.
@@ -335,58 +345,10 @@ def _flaw(best: Fit, variance: float, moves: bool, shift: float) -> str:
         shift: total displacement within the batch [px].
     """
     if (moves and best.features < _FEWEST) or not math.isfinite(variance):
-        return "dominated by {:.1f} features"
+        return "dominated by few features"
     if moves and best.difference > _TWO_MOTIONS:
         return "two motions"
     if not moves:
         return "low texture" if shift > candidates.APART else ""
     # After a smaller shift the estimated pattern still contains part of the ground texture.
     return "low texture" if shift > _SHIFTED and best.contrast < _LEAST_CONTRAST else ""
-
-
-class JointMethod:
-    """Measures displacements with maximum-likelihood estimates from whole batches."""
-
-    def __init__(
-        self,
-        sensor: LineSensor,
-        configuration: OdometryConfiguration,
-        non_uniformity: float,
-        pattern: fixed_pattern.FixedPattern | None = None,
-    ) -> None:
-        """Create the method for one camera.
-
-        Args:
-            sensor: configuration of the camera.
-            configuration: configuration of the odometry.
-            non_uniformity: standard deviation of the fixed pattern before the camera has moved,
-                relative to the gray level [1].
-            pattern: fixed pattern from an earlier run, or None.
-        """
-        self._limit = configuration.maximum_acceleration
-        change = _ACCELERATION / (sensor.line_rate**2 * sensor.pixel_pitch)
-        self.estimator = JointEstimator(
-            sensor.pixels, configuration.shift_limit(sensor), change, non_uniformity
-        )
-        if pattern is not None:
-            self.estimator.pattern = pattern
-        self._last = math.nan
-
-    def reset(self) -> None:
-        """Discard the last displacement; the next line starts a new sequence."""
-        self._last = math.nan
-
-    def measure(self, lines: Lines, plausibility: Plausibility, stamp_ns: int) -> Displacement:
-        """Return the mean displacement per line in a batch; implements `sensor.Method.measure`."""
-        estimate = self.estimator.estimate(lines, self._last)
-        if estimate.reason:
-            raise Unmeasured(estimate.reason, unmatched=True)
-        if not plausibility.check(stamp_ns, np.array([estimate.value]))[0]:
-            raise Unmeasured(
-                f"not plausible: {estimate.value:.3g} px per line needs more than "
-                f"{self._limit:g} m/s^2 since the last measurement"
-            )
-        self._last = estimate.value
-        return Displacement(
-            estimate.value, estimate.variance, estimate.coherence, 1.0, estimate.rest
-        )

@@ -138,8 +138,7 @@ def observe(
     m, count = transformed.shape
     turn, edges = spectra.phases(paths, size, count), spectra.bands(size)
     white = (transformed - removed) * turn
-    none = np.zeros(count)
-    model, _ = spectra.covariance(white, np.array([0, m]), edges, none, none, 1.0)
+    model, _ = spectra.covariance(white, np.array([0, m]), edges, np.zeros(count))
     spectra.whiten(turn, edges, model, white)
     information, precision = np.zeros(count, np.complex64), np.zeros(count, np.float32)
     white[:, : edges[0]] = 0.0

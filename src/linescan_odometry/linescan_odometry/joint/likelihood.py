@@ -2,7 +2,7 @@
 
 The lines of a batch are divided into blocks, groups of consecutive lines that overlap. The lines of
 a block are cut to the ground that all of them show, so that no texture enters or leaves. The
-spectra of the cut lines are then computed. The fixed pattern is marginalized.
+spectra of the cut lines are then computed.
 
 The package docstring defines the model: displacement d per line, its change a, displacement X_k of
 line k, and covariance T of the lines. In shapes, m is the number of lines of a batch, t the sum of
@@ -22,37 +22,20 @@ from linescan_odometry.matching.transforms import transform_size
 from omni_platform.kernels import kernel, linked
 
 
-class Precision(NamedTuple):
-    """Precision of the fixed pattern (logarithm of the gains) at the frequencies of whole lines.
-
-    Attributes:
-        before: precision from the prior and earlier batches, shape (F,); infinite if the pattern is
-            known.
-        batch: precision that this batch adds, shape (F,).
-    """
-
-    before: Doubles
-    batch: Doubles
-
-
 class _Model(NamedTuple):
     """Covariance model of the lines at each frequency.
 
     Attributes:
         edges: edges of the frequency bands [bins], shape (B + 1,).
         bands: texture power S, coherence rho and noise power N of each band, shape (3, B).
-        precision: inverse variance of the fixed pattern, shape (F,).
         rate: angular frequency of each bin [rad per px], shape (F,).
-        along: derivatives of `paths` with respect to d and a, shape (2, m).
-        paths: displacement of each line [px], shape (m,).
+        along: derivatives of the displacement of each line with respect to d and a, shape (2, m).
     """
 
     edges: NDArray[np.int64]
     bands: Doubles
-    precision: Doubles
     rate: Doubles
     along: Doubles
-    paths: Doubles
 
 
 class Cut(NamedTuple):
@@ -81,7 +64,7 @@ class Expansion(NamedTuple):
     """Second-order expansion of the log-likelihood near a displacement and its change.
 
     Attributes:
-        cut: cut lines, without the fixed pattern.
+        cut: cut lines.
         model: covariance model of the lines.
         white: spectra of the lines multiplied by the inverse covariance, shape (t, F).
         moments: power of each band, and covariance of neighboring lines in it, shape (2, B).
@@ -149,161 +132,60 @@ def _cut(lines: Floats, paths: Doubles, limit: int) -> Cut:
 
 
 @kernel
-def _marginalize(
-    lines: Spectrum, turn: Spectrum, model: _Model, along: Doubles, white: Spectrum
-) -> Doubles:
-    """Write the whitened lines of one block to `white`, with the fixed pattern marginalized.
-
-    A pattern of variance V adds ``V u u'`` to T, with ``u_k = exp(-2 pi i f X_k)`` in the ground
-    frame. With ``c = 1 / V + u' T^-1 u``, the log-likelihood decreases by ``log c / 2``, and
-    ``u (u' T^-1 z) / c`` is subtracted from the lines.
-
-    Args:
-        lines: spectra of the lines z, shape (m, F); the pattern is subtracted in place.
-        turn: u of each line, shape (m, F).
-        model: covariance of the lines.
-        along: derivatives of the paths with respect to d and a, shape (2, m).
-        white: output, ``T^-1 z`` without the pattern, shape (m, F).
-
-    Returns:
-        Derivatives of ``-log c / 2`` with respect to d and a, shape (2,).
-    """
-    m, count = lines.shape
-    fixed = np.zeros((m, count), np.complex64)
-    spectra.whiten(turn, model.edges, model.bands, fixed)
-    spectra.whiten(lines, model.edges, model.bands, white)
-    total, slope = np.zeros(count, np.complex64), np.zeros((2, count), np.float32)
-    pattern = np.zeros(count, np.complex64)
-    for k in range(m):
-        by_d, by_a = np.float32(along[0, k]), np.float32(along[1, k])
-        u, q, w = turn[k], fixed[k], white[k]
-        for f in range(count):
-            product = np.conj(u[f]) * q[f]
-            total[f] += product
-            slope[0, f] += by_d * product.imag
-            slope[1, f] += by_a * product.imag
-            pattern[f] += np.conj(u[f]) * w[f]
-    slopes = np.zeros(2)
-    for f in range(model.edges[0], count):
-        c = model.precision[f] + total[f].real
-        pattern[f] /= np.float32(c)
-        slopes[0] += model.rate[f] / c * slope[0, f]
-        slopes[1] += model.rate[f] / c * slope[1, f]
-    pattern[: model.edges[0]] = 0.0
-    for k in range(m):
-        row, own = white[k], fixed[k]
-        for f in range(count):
-            row[f] -= own[f] * pattern[f]
-        row, own = lines[k], turn[k]
-        for f in range(count):
-            row[f] -= own[f] * pattern[f]
-    return slopes
-
-
-@kernel
-def _turned(cut: Cut, paths: Doubles) -> Spectrum:
-    """Return the vector u of `_marginalize` for each row of the cut lines, shape (t, F).
-
-    Args:
-        cut: cut lines.
-        paths: displacement of each line [px], shape (m,).
-    """
-    shift = paths[cut.line]
-    for block in range(len(cut.first) - 1):
-        i, j = cut.first[block], cut.first[block + 1]
-        shift[i:j] -= paths[cut.line[i]]
-    turn: Spectrum = spectra.phases(shift, cut.size, cut.spectra.shape[1])
-    return turn
-
-
-@kernel
-def _slopes(cut: Cut, model: _Model, turn: Spectrum) -> tuple[Spectrum, Doubles]:
+def _slopes(cut: Cut, model: _Model) -> tuple[Spectrum, Doubles]:
     """Return T^-1 times the lines, and the gradient of the log-likelihood.
 
     Args:
-        cut: cut lines. The remaining fixed pattern is subtracted from them in place, see
-            `_marginalize`.
+        cut: cut lines.
         model: covariance of the lines.
-        turn: result of `_turned`, shape (t, F).
 
     Returns:
         ``T^-1 z``, shape (t, F); derivatives with respect to d and a, shape (2,).
     """
-    rows, count = cut.spectra.shape
-    white = np.zeros((rows, count), np.complex64)
-    slopes, sums = np.zeros(2), np.zeros((2, count), np.float32)
+    white = np.zeros_like(cut.spectra)
     for block in range(len(cut.first) - 1):
         i, j = cut.first[block], cut.first[block + 1]
-        own = cut.line[i:j]
-        along = model.along[:, own]
-        slopes += _marginalize(cut.spectra[i:j], turn[i:j], model, along, white[i:j])
-    for r in range(rows):
+        spectra.whiten(cut.spectra[i:j], model.edges, model.bands, white[i:j])
+    slopes, sums = np.zeros(2), np.zeros((2, len(model.rate)), np.float32)
+    for r in range(len(white)):
         by_d = np.float32(model.along[0, cut.line[r]])
         by_a = np.float32(model.along[1, cut.line[r]])
         z, w = cut.spectra[r], white[r]
-        for f in range(count):
+        for f in range(len(model.rate)):
             turned = w[f].imag * z[f].real - w[f].real * z[f].imag
             sums[0, f] += by_d * turned
             sums[1, f] += by_a * turned
-    for f in range(count):
+    for f in range(len(model.rate)):
         slopes[0] += model.rate[f] * sums[0, f]
         slopes[1] += model.rate[f] * sums[1, f]
     return white, slopes
 
 
 @kernel
-def _information(cut: Cut, model: _Model, turn: Spectrum) -> Doubles:
+def _information(cut: Cut, model: _Model) -> Doubles:
     """Return the Fisher information on d and a, shape (2, 2), summed over the frequency bands.
 
-    Each band is evaluated at its center frequency.
-
     Let ``B = K T - T K``, where K is the diagonal matrix of the derivatives of the paths. The
-    information is ``-f^2 tr(C^-1 B C^-1 B)``. The marginalized pattern gives
-    ``C^-1 = T^-1 - q q' / c`` with ``q = T^-1 u``, where c is the sum of the pattern's precision
-    and ``u' q``, see `_marginalize`. In the code, arrays with lines as rows have bands as columns.
+    information is ``-f^2 tr(T^-1 B T^-1 B)``.
 
     Args:
         cut: cut lines.
         model: covariance of the lines.
-        turn: vector u of the lines from `_turned`, shape (t, F).
     """
-    first, last = model.edges[:-1], model.edges[1:]
-    middle, (texture, rho, noise) = (first + last - 1) // 2, model.bands
-    weight = np.empty(len(first))
-    for b in range(len(first)):
-        weight[b] = 0.5 * (model.rate[first[b] : last[b]] ** 2).sum()
+    edges, (texture, rho, noise) = model.edges, model.bands
+    share, off = texture / noise, np.empty(len(rho))
+    for b in range(len(rho)):
+        share[b] *= (model.rate[edges[b] : edges[b + 1]] ** 2).sum()
     total = np.zeros((2, 2))
     for block in range(len(cut.first) - 1):
         i, j = cut.first[block], cut.first[block + 1]
-        along, u = model.along[:, cut.line[i:j]], turn[i:j][:, middle].astype(np.complex128)
-        off, inverse = np.empty(len(first)), np.empty(u.shape)
-        pivot = np.empty(len(u))
-        for b in range(len(first)):
+        inverse = np.empty((j - i, len(rho)))
+        for b in range(len(rho)):
+            pivot = np.empty(j - i)
             off[b] = spectra.pivots(model.bands[:, b], pivot)
             inverse[:, b] = pivot
-        q = spectra.solve(off, inverse, noise, u)
-        c = model.precision[middle] + _inner(u, q).real
-        total += _trace(along, off, inverse, rho, 2.0 * weight * texture / noise)
-        turned, white = np.empty((2, *u.shape), u.dtype), np.empty((2, *u.shape), u.dtype)
-        for which in range(2):
-            by = along[which].copy().reshape(-1, 1)
-            turned[which] = texture * (
-                by * spectra.correlated(rho, q) - spectra.correlated(rho, by * q)
-            )
-            white[which] = spectra.solve(off, inverse, noise, turned[which])
-        for one in range(2):
-            for other in range(2):
-                slopes = _inner(q, turned[one]).imag * _inner(q, turned[other]).imag / c
-                common = _inner(white[one], turned[other]).real
-                total[one, other] += (weight / c * (slopes - 2.0 * common)).sum()
+        total += _trace(model.along[:, cut.line[i:j]], off, inverse, rho, share)
     return total
-
-
-@kernel
-def _inner(one: NDArray[np.complex128], other: NDArray[np.complex128]) -> NDArray[np.complex128]:
-    """Return the inner product of each column of `one` with that of `other`, shape (B,)."""
-    product: NDArray[np.complex128] = (np.conj(one) * other).sum(axis=0)
-    return product
 
 
 @kernel
@@ -339,43 +221,15 @@ def _trace(along: Doubles, off: Doubles, inverse: Doubles, rho: Doubles, share: 
     return np.array([[d_d, d_a], [d_a, a_a]])
 
 
-@kernel
-def _on_grid(precision: Precision, cut: Cut, pixels: int) -> tuple[Doubles, Doubles]:
-    """Return precision and variance of the fixed pattern at the frequencies of the cut lines.
-
-    Args:
-        precision: precision of the pattern at the frequencies of whole lines.
-        cut: cut lines of all blocks.
-        pixels: number of pixels of a whole line.
-
-    Returns:
-        Two arrays of shape (F,). The first is the precision of the pattern before one block is
-        evaluated: from the prior, earlier batches and the other blocks of this batch. All blocks
-        add equal precision. The second is the variance of the pattern that the lines still contain.
-        It is 0 at frequencies where the pattern estimated from this batch has been subtracted.
-    """
-    before, batch = precision
-    known, contained = np.zeros(cut.spectra.shape[1]), np.zeros(cut.spectra.shape[1])
-    others = 1.0 - 1.0 / (len(cut.first) - 1)
-    scale = pixels / cut.length
-    for f in range(len(known)):
-        i = min(f * len(before) // len(known), len(before) - 1)
-        known[f] = scale * (before[i] + others * batch[i])
-        if batch[i] == 0.0:
-            contained[f] = 1.0 / known[f]
-    return known, contained
-
-
 @linked
 @kernel
-def expand(
-    lines: Floats, precision: Precision, motion: Doubles, limit: int, spread: float
-) -> Expansion:
+def expand(lines: Floats, fixed: Doubles, motion: Doubles, limit: int, spread: float) -> Expansion:
     """Return the expansion of the log-likelihood at a displacement and its change.
 
     Args:
         lines: logarithm of the gray levels, minus the fixed pattern, shape (m, n).
-        precision: precision of the fixed pattern.
+        fixed: power of the fixed pattern that the lines still contain, at the frequencies of whole
+            lines, shape (F,).
         motion: displacement per line in the middle of the batch [px] and its change from line to
             line [px], shape (2,).
         limit: limit on the shift between two compared lines [px].
@@ -389,14 +243,12 @@ def expand(
     cut = _cut(lines, paths, limit)
     edges = spectra.bands(cut.size)
     rate = 2.0 * math.pi * np.arange(cut.spectra.shape[1]) / cut.size
-    known, contained = _on_grid(precision, cut, n)
-    turn, share = rate * motion[0], cut.length / cut.size
-    covariances, moments = spectra.covariance(cut.spectra, cut.first, edges, contained, turn, share)
-    model = _Model(edges, covariances, known, rate, along, paths)
-    turned = _turned(cut, paths)
-    white, slopes = _slopes(cut, model, turned)
+    power = fixed[np.arange(len(rate)) * len(fixed) // len(rate)] * cut.length / n
+    covariances, moments = spectra.covariance(cut.spectra, cut.first, edges, power)
+    model = _Model(edges, covariances, rate, along)
+    white, slopes = _slopes(cut, model)
     slopes[1] -= motion[1] / spread**2
-    information = _information(cut, model, turned)
+    information = _information(cut, model)
     information[1, 1] += 1.0 / spread**2
     determinant = information[0, 0] * information[1, 1] - information[0, 1] ** 2
     inverse = np.full((2, 2), math.nan)

@@ -206,12 +206,7 @@ def _products(
 
 @_fast
 def covariance(
-    aligned: Spectrum,
-    first: NDArray[np.int64],
-    edges: NDArray[np.int64],
-    fixed: Doubles,
-    turn: Doubles,
-    share: float,
+    aligned: Spectrum, first: NDArray[np.int64], edges: NDArray[np.int64], fixed: Doubles
 ) -> tuple[Doubles, Doubles]:
     """Return the covariance model of each band, estimated by the method of moments.
 
@@ -219,12 +214,7 @@ def covariance(
         aligned: spectra in the ground frame, blocks of lines one after the other, shape (t, F).
         first: row of each block's first line, then the number of rows t, shape (blocks + 1,).
         edges: edges of the bands [bins], shape (B + 1,).
-        fixed: variance that the fixed pattern adds to the lines, shape (F,). It is not counted as
-            texture.
-        turn: phase change of a fixed pattern from one line to the next in the ground frame [rad],
-            shape (F,).
-        share: number of independent frequencies per bin: length of the lines divided by the length
-            of the transform.
+        fixed: power of the fixed pattern in the lines, which is not counted as texture, shape (F,).
 
     Returns:
         Texture power S, coherence rho of neighboring lines and noise power N, shape (3, B); the
@@ -238,28 +228,22 @@ def covariance(
     sums, number = _products(aligned.view(np.float32), first, far, 2 * edges[-1])
     model, moments = np.empty((3, count)), np.empty((2, count))
     for b in range(count):
-        mean, pattern = np.zeros(3), np.zeros(3)
-        # Over few independent frequencies, the power of a pattern may exceed its variance by
-        # chance.
-        bound = 1.0 + SIGNIFICANT / math.sqrt((edges[b + 1] - edges[b]) * share)
+        mean = np.zeros(3)
         for which in range(3):
-            lag = far if which == 2 else which
-            for f in range(edges[b], edges[b + 1]):
-                mean[which] += sums[which, 2 * f] + sums[which, 2 * f + 1]
-                if fixed[f] > 0.0:
-                    pattern[which] += fixed[f] * math.cos(lag * turn[f])
+            for f in range(2 * edges[b], 2 * edges[b + 1]):
+                mean[which] += sums[which, f]
             mean[which] /= max(number[which], 1.0) * (edges[b + 1] - edges[b])
-            pattern[which] *= bound / (edges[b + 1] - edges[b])
-        power = max(mean[0], 1e-9)
-        near = min(max(mean[1] - pattern[1], 1e-6 * power), 0.9999 * power)
-        rho = 1.0
+        power, pattern = max(mean[0], 1e-9), fixed[edges[b] : edges[b + 1]].mean()
+        # Over few frequencies, the power of a pattern may exceed its expectation by chance.
+        pattern *= 1.0 + SIGNIFICANT / math.sqrt(edges[b + 1] - edges[b])
+        near = min(max(mean[1] - pattern, 1e-6 * power), 0.9999 * power)
+        rho, whole = 1.0, max(power - pattern, near)
         if far > 1:
-            rho = (min(max(mean[2] - pattern[2], 1e-6 * power) / near, 1.0)) ** (1.0 / (far - 1))
-        whole = max(power - pattern[0], near)
+            rho = (min(max(mean[2] - pattern, 1e-6 * power) / near, 1.0)) ** (1.0 / (far - 1))
         rho = min(max(rho, near / whole, 0.01), 0.99999)
         texture = min(near / rho, whole)
         model[0, b], model[1, b] = texture, rho
-        model[2, b] = max(whole - texture, LEAST_NOISE * power)
+        model[2, b] = max(power - texture, LEAST_NOISE * power)
         moments[0, b], moments[1, b] = power, near
     return model, moments
 
@@ -325,55 +309,6 @@ def pivots(band: Doubles, inverse: Floats | Doubles) -> float:
         pivot = diagonal - (off * off / pivot if k > 0 else 0.0)
         inverse[k] = 1.0 / pivot
     return off
-
-
-@_fast
-def solve(
-    off: Doubles, inverse: Doubles, noise: Doubles, values: NDArray[np.complex128]
-) -> NDArray[np.complex128]:
-    """Return T^-1 times the values of the lines in each band, shape (m, B).
-
-    `whiten` defines the covariance T.
-
-
-    Args:
-        off: off-diagonal element from `pivots`, shape (B,).
-        inverse: inverse pivots from `pivots`, shape (m, B).
-        noise: noise power N, shape (B,).
-        values: values of the lines, shape (m, B).
-    """
-    rest = values.copy()
-    m, count = values.shape
-    for k in range(1, m):
-        for b in range(count):
-            rest[k, b] -= off[b] * inverse[k - 1, b] * rest[k - 1, b]
-    rest[m - 1] *= inverse[m - 1]
-    for k in range(m - 2, -1, -1):
-        for b in range(count):
-            rest[k, b] = (rest[k, b] - off[b] * rest[k + 1, b]) * inverse[k, b]
-    return (values - rest) / noise
-
-
-@_fast
-def correlated(rho: Doubles, values: NDArray[np.complex128]) -> NDArray[np.complex128]:
-    """Return the covariance of a texture of power 1, times the values of the lines, shape (m, B).
-
-    Element (k, j) of this covariance is ``rho^|k - j|``.
-
-    Args:
-        rho: coherence of neighboring lines, shape (B,).
-        values: values of the lines, shape (m, B).
-    """
-    total = values.copy()
-    m, count = values.shape
-    before, after = np.zeros_like(values[0]), np.zeros_like(values[0])
-    for k in range(1, m):
-        for b in range(count):
-            before[b] = rho[b] * (before[b] + values[k - 1, b])
-            after[b] = rho[b] * (after[b] + values[m - k, b])
-            total[k, b] += before[b]
-            total[m - 1 - k, b] += after[b]
-    return total
 
 
 @_fast

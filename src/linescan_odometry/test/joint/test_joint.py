@@ -15,7 +15,7 @@ from linescan_odometry.joint import candidates, decision
 from linescan_odometry.joint.estimator import JointEstimator
 from linescan_odometry.joint.fit import _moved, assess
 from linescan_odometry.joint.fixed_pattern import prior, without_defects
-from linescan_odometry.joint.likelihood import Expansion, Precision, expand
+from linescan_odometry.joint.likelihood import Expansion, expand
 from linescan_odometry.joint.spectra import independent, whiten
 from linescan_odometry.matching.transforms import load_transforms
 from linescan_odometry.odometry import LineScanOdometry
@@ -29,8 +29,12 @@ PIXELS, LINES, RATE, PITCH = 512, 26, 2500.0, 5e-5
 CHANGE = 15.0 / (RATE**2 * PITCH)  # px per line^2
 
 
-def estimator() -> JointEstimator:
-    return JointEstimator(PIXELS, PIXELS // 2, CHANGE)
+def estimator(pixels: int = PIXELS, pitch: float = PITCH, rate: float = RATE) -> JointEstimator:
+    """Return an estimator for a camera with this pixel pitch [m] and line rate [1/s]."""
+    sensor = LineSensor(
+        x=0.0, y=0.0, heading_deg=0.0, pixels=pixels, length=pitch * pixels, line_rate=rate
+    )
+    return JointEstimator(sensor, pixels // 2)
 
 
 def moved(expose: Expose, displacement: float, **changes: Any) -> Any:
@@ -167,8 +171,7 @@ def expanded(displacement: float) -> tuple[Any, Expansion]:
     """Return lines in motion across the axis, and the expansion at a displacement [px]."""
     load_transforms()
     logs = np.log(sideways(3, 1.7, 0.9, 20.0, {3.0: 1.0})).astype(np.float32)
-    known = Precision(np.full(307, math.inf), np.zeros(307))
-    return logs, expand(logs, known, np.array([displacement, 0.0]), PIXELS // 2, CHANGE)
+    return logs, expand(logs, np.zeros(307), np.array([displacement, 0.0]), PIXELS // 2, CHANGE)
 
 
 def shifted(here: Expansion, shift: Any) -> Expansion:
@@ -210,7 +213,7 @@ def test_the_variance_contains_the_scatter_between_frequency_bands() -> None:
 def test_lines_far_apart_on_different_ground_do_not_mislead_the_candidates(
     displacement: float,
 ) -> None:
-    coarse = JointEstimator(128, 64, CHANGE)
+    coarse = estimator(128)
     for seed in range(20):
         found = coarse.estimate(sideways(seed, displacement, 0.9, 20.0, {1.5: 1.0}, (157, 128)))
         assert found.reason == ""
@@ -248,7 +251,7 @@ def over_fibers(seed: int) -> Any:
 def test_errors_over_fibers_longer_than_the_pixels_are_stated() -> None:
     scores = []
     for seed in range(40):
-        found = JointEstimator(128, 64, 15.0 / (15600.0**2 * 3.9e-4)).estimate(over_fibers(seed))
+        found = estimator(128, 3.9e-4, 15600.0).estimate(over_fibers(seed))
         if found.reason:
             assert found.reason.startswith("dominated by")
             continue
@@ -308,7 +311,7 @@ def test_lines_of_nothing_but_noise_are_not_measured() -> None:
 
 
 def test_rest_of_a_coarse_camera_is_always_measured(expose: Expose) -> None:
-    camera = JointEstimator(256, 128, CHANGE)
+    camera = estimator(256)
     for seed in range(200):
         found = camera.estimate(expose(np.zeros(11), 256, grain=3.0, noise=2.0, noise_seed=seed))
         assert found.reason == ""
@@ -423,7 +426,8 @@ def test_the_variance_due_to_rivals_is_that_of_equally_likely_displacements(
 ) -> None:
     shape = candidates.SPACINGS, 256
     lagged, power = np.ones(shape, np.complex64), np.ones(shape, np.float32)  # lines at rest
-    rest, layout = decision.Remainder(lagged, power, power), candidates.Layout(26, 512, 1024, 256)
+    rest = candidates.Correlation(lagged, power[0], power)
+    layout = candidates.Layout(26, 512, 1024, 256)
     away = np.arange(-candidates.APART, candidates.APART + 1.0)
     differences = np.array([-displacement, *away])
     equal = decision.scatter(rest, layout, displacement, (math.inf, 0.0))
