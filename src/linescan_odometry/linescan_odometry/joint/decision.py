@@ -207,30 +207,20 @@ def decide(
     order = np.argsort(unlikely - evidence)
     best = order[0]
     for i in order[1:]:
-        own, other, _ = _contest(rest, layout, found[best], found[i], likely)
+        own, other = _contest(rest, layout, found[best], found[i], likely)
         if other - unlikely[i] > own - unlikely[best]:
             best = i
-    ambiguous = False
-    for i in range(len(found)):
-        # If lines do not overlap, noise causes distant rivals. At the single spacing that
-        # `_contest` uses, they may be absent.
-        if abs(found[i] - found[best]) >= candidates.APART and evidence[i] > ratio * evidence[best]:
-            ambiguous = True
-        if i != best and not ambiguous:
-            own, other, between = _contest(rest, layout, found[best], found[i], likely)
-            # If the displacement halfway between two candidates is as likely as they are, both
-            # belong to one peak.
-            ambiguous = other > ratio * own and between < ratio * other
-    return best, ambiguous
+    rivals = evidence[np.abs(found - found[best]) >= candidates.APART]
+    return best, bool((rivals > ratio * evidence[best]).any())
 
 
 @kernel
 def _contest(
     rest: Correlation, layout: Layout, one: float, other: float, likely: float
-) -> tuple[float, float, float]:
-    """Return the log-likelihoods of two displacements and of their mean [nats].
+) -> tuple[float, float]:
+    """Return the log-likelihoods of two displacements [nats].
 
-    All three are computed at the largest line spacing at which one of the two displacements is
+    Both are computed at the largest line spacing at which one of the two displacements is
     likely, because neighboring lines do not resolve slow displacements.
 
     Args:
@@ -245,6 +235,5 @@ def _contest(
         first = coherent(rest, layout, one, which)
         second = coherent(rest, layout, other, which)
         if which == 0 or max(first, second) > likely:
-            between = coherent(rest, layout, 0.5 * (one + other), which)
-            return first, second, between
+            return first, second
         which -= 1
