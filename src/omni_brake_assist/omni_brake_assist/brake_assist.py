@@ -35,7 +35,6 @@ from omni_brake_assist.conditions import CONDITIONS, GOOD, UNREADABLE, AssistSta
 from omni_brake_assist.configuration import BrakeAssistConfiguration
 from omni_brake_assist.laws.law import NO_HELP, call_law, own_law
 from omni_brake_assist.sources import Source, sources
-from omni_brake_assist.step_pairing import BrakeDemand
 from omni_platform.kinematics import PlatformKinematics
 from omni_platform.quantities import FloatArray
 from omni_platform.signals import INVALID, MISSING, VALID, ImuSample, TwistSample, WheelSample
@@ -48,6 +47,26 @@ __all__ = [
     "Decision",
     "Fault",
 ]
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class BrakeDemand:
+    """Brake demand of the driver, with the latest measurements.
+
+    Attributes:
+        stamp_ns: time of the demand [ns from the start of the run].
+        pedal: driver's brake demand [1], 0 to 1.
+        feedback: latest received twist, repeated until a newer twist is received; None before the
+            first twist.
+        wheels: latest received wheel speeds; None before the first message.
+        imu: latest received IMU reading; None before the first message.
+    """
+
+    stamp_ns: int
+    pedal: float
+    feedback: TwistSample | None
+    wheels: WheelSample | None = None
+    imu: ImuSample | None = None
 
 
 class BrakeAssist:

@@ -8,7 +8,7 @@ import gc
 import math
 from collections.abc import Sequence
 from functools import partial
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from geometry_msgs.msg import TwistWithCovarianceStamped
@@ -17,14 +17,12 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import Imu, JointState
 
-from omni_brake_assist.brake_assist import BrakeAssist
+from omni_brake_assist.brake_assist import BrakeAssist, BrakeDemand
 from omni_brake_assist.conditions import WARNING, AssistState, Decision, Fault
 from omni_brake_assist.configuration import BrakeAssistConfiguration
 from omni_brake_assist.sources import RejectionTimers, Source, summary
-from omni_brake_assist.step_pairing import Sample, StepPairing
-from omni_platform import topics
+from omni_platform import signals, topics
 from omni_platform.configuration import Configuration, ConfigurationError, parameter
-from omni_platform.signals import PedalSample, TwistSample, upwards_problem
 from omni_ros import messages
 from omni_ros.clocks import RunningClock
 from omni_ros.parameters import declare_configuration
@@ -32,6 +30,9 @@ from omni_ros.process import Spinner, StartupConfiguration, run_process, spin_un
 from omni_ros.publisher_guard import PublisherGuard
 from omni_ros.qos import RECENT, RELIABLE, advertise, subscribe
 from omni_ros.status import Status, StatusReporter, steady_clock
+
+Sample = signals.PedalSample | signals.TwistSample | signals.WheelSample | signals.ImuSample
+_S = TypeVar("_S")
 
 _SWITCH = "enabled"  # this parameter may be changed at any time
 # Parameters that may be changed only while the pedal is up.
@@ -59,6 +60,79 @@ TUNABLE = frozenset(
 )
 _UPWARDS_SHARE = 0.01  # weight of an IMU reading in the low-passed specific force [1]
 _NOTHING_YET = {"state": AssistState.NO_DEMAND.value, "fault": AssistState.NO_DEMAND.value}
+
+
+class StepPairing:
+    """Stores the newest sample of each input; pairs each pedal value with the twist of its step.
+
+    The samples may arrive in any order. The stamp of a twist is the time of the newest camera line,
+    which may be up to one line period earlier than the step. A twist therefore belongs to the first
+    demand whose stamp is not earlier than the stamp of the twist. Wheel speeds and IMU readings
+    have the stamp of their step. If the sampling period of the twist is longer than a step, a twist
+    belongs to all steps within this period.
+
+    Args:
+        fault_detection: whether a demand waits for the wheel speeds of its step.
+        imu: whether a demand also waits for the IMU reading of its step.
+        twist_period_ns: time between two samples of the twist [ns], 0 if each step has its own
+            twist.
+    """
+
+    def __init__(
+        self, *, fault_detection: bool = False, imu: bool = False, twist_period_ns: int = 0
+    ) -> None:
+        self._twist_period_ns = twist_period_ns
+        awaited: tuple[type[Any], ...] = (
+            (signals.WheelSample, signals.ImuSample) if imu else (signals.WheelSample,)
+        )
+        self._awaited = awaited if fault_detection else ()
+        self._newest: dict[type[Any], Any] = {}
+        self._answered_ns = -1  # stamp of the newest answered demand
+
+    def newest(self, kind: type[_S]) -> _S | None:
+        """Return the last received sample of a given type; None before the first sample."""
+        return self._newest.get(kind)
+
+    @property
+    def newest_ns(self) -> int:
+        """Largest stamp among the newest pedal, twist and IMU samples [ns]."""
+        kinds = (signals.PedalSample, signals.TwistSample, signals.ImuSample)
+        samples = [self._newest[kind] for kind in kinds if kind in self._newest]
+        return int(max(sample.stamp_ns for sample in samples))
+
+    def take(self, sample: Sample) -> BrakeDemand | None:
+        """Store a sample; return the demand of its step if all inputs of this step are now known.
+
+        Each demand is returned once; in all other cases, the result is None.
+        """
+        self._newest[type(sample)] = sample
+        pedal, twist = self.newest(signals.PedalSample), self.newest(signals.TwistSample)
+        if pedal is None or twist is None:
+            return None
+        stamp_ns = pedal.stamp_ns
+        if stamp_ns <= self._answered_ns or not self._is_of(twist.stamp_ns, stamp_ns):
+            return None
+        awaited = map(self.newest, self._awaited)
+        if any(signal is None or signal.stamp_ns < stamp_ns for signal in awaited):
+            return None
+        self._answered_ns = stamp_ns
+        return self._demand(pedal)
+
+    def newest_demand(self) -> BrakeDemand | None:
+        """Return a demand with the newest samples; None before the first pedal sample."""
+        pedal = self.newest(signals.PedalSample)
+        return self._demand(pedal._replace(stamp_ns=self.newest_ns)) if pedal else None
+
+    def _demand(self, pedal: signals.PedalSample) -> BrakeDemand:
+        twist, wheels = self.newest(signals.TwistSample), self.newest(signals.WheelSample)
+        return BrakeDemand(*pedal, twist, wheels, self.newest(signals.ImuSample))
+
+    def _is_of(self, twist_ns: int, stamp_ns: int) -> bool:
+        """Return whether a twist at `twist_ns` [ns] belongs to the demand at `stamp_ns` [ns]."""
+        period_ns = self._twist_period_ns
+        if period_ns == 0:
+            return twist_ns > self._answered_ns
+        return twist_ns // period_ns >= stamp_ns // period_ns
 
 
 class TimingConfiguration(Configuration):
@@ -146,7 +220,7 @@ class BrakeAssistNode(Node):
     def _is_braking(self) -> bool:
         # A message with an invalid pedal value counts as full braking.
         threshold = self._assist.configuration.pedal_threshold
-        pedal = self._inputs.newest(PedalSample)
+        pedal = self._inputs.newest(signals.PedalSample)
         return pedal is not None and not 0.0 <= pedal.position < threshold
 
     def _on_parameters_set(self, parameters: list[Parameter]) -> None:
@@ -200,7 +274,7 @@ class BrakeAssistNode(Node):
     def _watch(self) -> bool:
         """Return whether an input is silent or has two publishers; if so, put all brakes on."""
         fault = self._second_publisher() or self._silence()
-        if fault is not None and self._inputs.newest(PedalSample) is not None:
+        if fault is not None and self._inputs.newest(signals.PedalSample) is not None:
             self._publish(self._assist.timeout(self._inputs.newest_ns, fault))
         return fault is not None
 
@@ -218,7 +292,7 @@ class BrakeAssistNode(Node):
             )
         # With an IMU the assistant continues by dead reckoning as long as its estimate is valid.
         if no_twist > self._feedback_timeout < now - self._imu_received:
-            never = self._inputs.newest(TwistSample) is None
+            never = self._inputs.newest(signals.TwistSample) is None
             return Fault(
                 AssistState.NO_FEEDBACK if never else AssistState.STALE_FEEDBACK,
                 f"no twist for {no_twist:.2f} s, more than {self._feedback_timeout:g} s",
@@ -248,7 +322,7 @@ class BrakeAssistNode(Node):
     def _report(self, decision: Decision, sources: Sequence[Source]) -> None:
         fault = decision.fault.state if decision.fault is not None else None
         level, words = summary(decision, sources)
-        if self._upwards is not None and (problem := upwards_problem(self._upwards)):
+        if self._upwards is not None and (problem := signals.upwards_problem(self._upwards)):
             level, words = max(level, WARNING), f"{words}; {': '.join(problem)}"
         if self._warning:
             level, words = max(level, WARNING), f"{words}; {self._warning}"

@@ -16,16 +16,9 @@ from nav_msgs.msg import Odometry
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Header
 
+from omni_platform import signals
 from omni_platform.configuration import ConfigurationError
 from omni_platform.quantities import SECOND_NS, FloatArray
-from omni_platform.signals import (
-    UNMEASURED_VARIANCE,
-    Flow,
-    ImuSample,
-    PedalSample,
-    TwistSample,
-    WheelSample,
-)
 
 _Message = TypeVar("_Message")
 
@@ -38,7 +31,7 @@ _STAMP_OFFSET = 4  # after the encapsulation header
 _LITTLE_ENDIAN_STAMP = struct.Struct("<iI")
 _BIG_ENDIAN_STAMP = struct.Struct(">iI")
 _LENGTH = struct.Struct("<I")  # length of a list
-_UNMEASURED = UNMEASURED_VARIANCE * np.eye(6)
+_UNMEASURED = signals.UNMEASURED_VARIANCE * np.eye(6)
 # Indices of the covariances of (v_x, v_y, yaw rate) in the flat covariance of a message.
 _PLANAR = np.array([[6 * row + column for column in (0, 1, 5)] for row in (0, 1, 5)])
 
@@ -217,21 +210,21 @@ def fixed_transform(frame: str, pose: FloatArray) -> geometry.TransformStamped:
     return message
 
 
-def pedal_of(message: Any) -> PedalSample:
+def pedal_of(message: Any) -> signals.PedalSample:
     """Return the pedal position in a `JointState`; NaN (full braking) if it is missing."""
     position = float(message.position[0]) if len(message.position) else math.nan
-    return PedalSample(to_nanoseconds(message.header.stamp), position)
+    return signals.PedalSample(to_nanoseconds(message.header.stamp), position)
 
 
-def twist_of(message: Any) -> TwistSample:
+def twist_of(message: Any) -> signals.TwistSample:
     """Return the body twist in a `TwistWithCovarianceStamped`."""
     twist = message.twist.twist
     values = np.array([twist.linear.x, twist.linear.y, twist.angular.z])
     covariance = np.asarray(message.twist.covariance, dtype=np.float64)[_PLANAR]
-    return TwistSample(to_nanoseconds(message.header.stamp), values, covariance)
+    return signals.TwistSample(to_nanoseconds(message.header.stamp), values, covariance)
 
 
-def wheel_speeds_of(message: Any, wheels: Sequence[str]) -> WheelSample | None:
+def wheel_speeds_of(message: Any, wheels: Sequence[str]) -> signals.WheelSample | None:
     """Return the wheel speeds in a `JointState`; None if the speed of a wheel is missing.
 
     Args:
@@ -242,20 +235,20 @@ def wheel_speeds_of(message: Any, wheels: Sequence[str]) -> WheelSample | None:
         return None
     speeds = dict(zip(message.name, message.velocity, strict=True))
     stamp_ns = to_nanoseconds(message.header.stamp)
-    return WheelSample(stamp_ns, np.array([float(speeds[name]) for name in wheels]))
+    return signals.WheelSample(stamp_ns, np.array([float(speeds[name]) for name in wheels]))
 
 
-def imu_reading_of(message: Any) -> ImuSample:
+def imu_reading_of(message: Any) -> signals.ImuSample:
     """Return yaw rate and specific force of a `sensor_msgs/Imu` with the axes of `base_link`."""
     force = message.linear_acceleration
-    return ImuSample(
+    return signals.ImuSample(
         to_nanoseconds(message.header.stamp),
         float(message.angular_velocity.z),
         np.array([force.x, force.y]),
     )
 
 
-def flow_of(message: Any) -> Flow:
+def flow_of(message: Any) -> signals.Flow:
     """Return the velocity that a flow sensor measured at its position, in the sensor's axes.
 
     The driver software of a sensor marks a missing measurement by NaN, or by a variance of at least
@@ -264,7 +257,7 @@ def flow_of(message: Any) -> Flow:
     twist = message.twist.twist
     covariance = np.asarray(message.twist.covariance, dtype=np.float64).reshape(6, 6)[:2, :2]
     velocity = np.array([twist.linear.x, twist.linear.y])
-    return Flow(to_nanoseconds(message.header.stamp), velocity, covariance.copy())
+    return signals.Flow(to_nanoseconds(message.header.stamp), velocity, covariance.copy())
 
 
 def diagnostics(

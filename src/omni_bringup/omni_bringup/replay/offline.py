@@ -11,8 +11,7 @@ import numpy as np
 from linescan_odometry.odometry_node import estimate_messages
 from linescan_odometry.port import OdometryPort
 from omni_brake_assist.brake_assist import BrakeAssist
-from omni_brake_assist.brake_assist_node import decision_messages
-from omni_brake_assist.step_pairing import Sample, StepPairing
+from omni_brake_assist.brake_assist_node import Sample, StepPairing, decision_messages
 from omni_bringup.replay import lines as replay_lines
 from omni_bringup.replay import plan as plans
 from omni_loop.experiment import ExperimentConfiguration

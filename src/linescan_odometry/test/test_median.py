@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from linescan_odometry.matching.median import average, mark_inliers
+from linescan_odometry.pair_method import average, mark_inliers
 from omni_platform.quantities import FloatArray
 
 
