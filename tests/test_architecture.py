@@ -65,6 +65,21 @@ def arrows_of_the_map() -> dict[str, set[str]]:
     return {name.strip(): set(used[0].split()) if used else set() for name, *used in lines}
 
 
+def test_the_path_from_lines_to_brake_torque_names_existing_files_and_functions() -> None:
+    text = (WORKSPACE / "CONTRIBUTING.md").read_text(encoding="utf-8")
+    block = re.search(r"\nThese functions convert .*?\n\n(1\. .*?)\n\n\|", text, re.DOTALL)
+    assert block is not None
+    names = re.findall(r"`([\w./]+)`", block[1])
+    files = [name for name in names if name.endswith(".py")]
+    code = {
+        name: "".join(p.read_text() for p in MODULES.values() if str(p).endswith(f"/{name}"))
+        for name in files
+    }
+    assert all(code.values())
+    functions = [name.rpartition(".")[2] for name in names if name not in files]
+    assert [name for name in functions if f"def {name}(" not in "".join(code.values())] == []
+
+
 def knows_ros(name: str) -> bool:
     package, _, module = name.partition(".")
     return package == "omni_ros" or module.endswith("_node") or name.endswith(".messages")
