@@ -8,13 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from omni_brake_assist.brake_assist import (
-    AssistState,
-    BrakeAssist,
-    BrakeAssistConfiguration,
-    BrakeDemand,
-    Decision,
-)
+from omni_brake_assist.brake_assist import BrakeAssist, BrakeDemand
+from omni_brake_assist.conditions import AssistState, Decision
+from omni_brake_assist.configuration import BrakeAssistConfiguration
 from omni_platform.geometry import WheelMount
 from omni_platform.signals import TwistSample
 

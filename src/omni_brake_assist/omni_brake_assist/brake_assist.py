@@ -39,15 +39,6 @@ from omni_platform.kinematics import PlatformKinematics
 from omni_platform.quantities import FloatArray
 from omni_platform.signals import INVALID, MISSING, VALID, ImuSample, TwistSample, WheelSample
 
-__all__ = [
-    "AssistState",
-    "BrakeAssist",
-    "BrakeAssistConfiguration",
-    "BrakeDemand",
-    "Decision",
-    "Fault",
-]
-
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class BrakeDemand:

@@ -13,14 +13,9 @@ import pytest
 from made_demands import PERIOD_NS, Wheels
 from reference_equations import force_directions
 
-from omni_brake_assist.brake_assist import (
-    AssistState,
-    BrakeAssist,
-    BrakeAssistConfiguration,
-    BrakeDemand,
-    Decision,
-)
-from omni_brake_assist.configuration import MOST_VALVES
+from omni_brake_assist.brake_assist import BrakeAssist, BrakeDemand
+from omni_brake_assist.conditions import AssistState, Decision
+from omni_brake_assist.configuration import MOST_VALVES, BrakeAssistConfiguration
 from omni_brake_assist.laws.built_in import law_constants
 from omni_platform.brakes import ON_OFF, PROPORTIONAL, BrakeConfiguration
 from omni_platform.configuration import ConfigurationError

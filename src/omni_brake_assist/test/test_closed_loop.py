@@ -16,12 +16,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from omni_brake_assist.brake_assist import (
-    AssistState,
-    BrakeAssist,
-    BrakeAssistConfiguration,
-    BrakeDemand,
-)
+from omni_brake_assist.brake_assist import BrakeAssist, BrakeDemand
+from omni_brake_assist.conditions import AssistState
+from omni_brake_assist.configuration import BrakeAssistConfiguration
 from omni_platform.geometry import PlatformGeometry, WheelMount, cross
 from omni_platform.quantities import FloatArray
 from omni_platform.signals import TwistSample

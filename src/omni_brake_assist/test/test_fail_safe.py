@@ -23,13 +23,9 @@ from made_demands import (
 )
 from reference_equations import force_directions
 
-from omni_brake_assist.brake_assist import (
-    AssistState,
-    BrakeAssist,
-    BrakeAssistConfiguration,
-    BrakeDemand,
-    Fault,
-)
+from omni_brake_assist.brake_assist import BrakeAssist, BrakeDemand
+from omni_brake_assist.conditions import AssistState, Fault
+from omni_brake_assist.configuration import BrakeAssistConfiguration
 from omni_platform.geometry import cross
 from omni_platform.signals import TwistSample
 

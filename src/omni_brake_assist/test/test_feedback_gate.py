@@ -19,12 +19,9 @@ from made_demands import (
     with_variance,
 )
 
-from omni_brake_assist.brake_assist import (
-    AssistState,
-    BrakeAssist,
-    BrakeAssistConfiguration,
-    BrakeDemand,
-)
+from omni_brake_assist.brake_assist import BrakeAssist, BrakeDemand
+from omni_brake_assist.conditions import AssistState
+from omni_brake_assist.configuration import BrakeAssistConfiguration
 from omni_platform.signals import TwistSample
 
 

@@ -5,8 +5,9 @@ import math
 import numpy as np
 import pytest
 
-from omni_brake_assist.brake_assist import BrakeAssist, BrakeAssistConfiguration, BrakeDemand
+from omni_brake_assist.brake_assist import BrakeAssist, BrakeDemand
 from omni_brake_assist.conditions import ERROR, OK, WARNING, AssistState, Decision
+from omni_brake_assist.configuration import BrakeAssistConfiguration
 from omni_brake_assist.sources import (
     BRAKED,
     FUSED,

@@ -5,14 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from omni_brake_assist.brake_assist import (
-    AssistState,
-    BrakeAssist,
-    BrakeAssistConfiguration,
-    BrakeDemand,
-    Decision,
-    Fault,
-)
+from omni_brake_assist.brake_assist import BrakeAssist, BrakeDemand
+from omni_brake_assist.conditions import AssistState, Decision, Fault
+from omni_brake_assist.configuration import BrakeAssistConfiguration
 from omni_platform.geometry import WheelMount
 from omni_platform.quantities import FloatArray
 from omni_platform.signals import TwistSample

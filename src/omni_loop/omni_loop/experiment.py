@@ -16,7 +16,7 @@ from typing import Any
 from linescan_odometry.odometry import OdometryConfiguration
 from linescan_odometry.port import ODOMETRY_GROUP, make_odometry
 from linescan_odometry.twist.least_squares import check_placement
-from omni_brake_assist.brake_assist import BrakeAssistConfiguration
+from omni_brake_assist.configuration import BrakeAssistConfiguration
 from omni_brake_assist.laws.law import own_law
 from omni_loop import yaml_files
 from omni_loop.demands import read_demands

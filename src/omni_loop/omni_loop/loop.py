@@ -13,7 +13,8 @@ from typing import Any, Protocol
 import numpy as np
 
 from linescan_odometry.port import OdometryPort
-from omni_brake_assist.brake_assist import BrakeAssist, BrakeDemand, Decision
+from omni_brake_assist.brake_assist import BrakeAssist, BrakeDemand
+from omni_brake_assist.conditions import Decision
 from omni_loop import experiment, history
 from omni_platform import signals
 from omni_sim.run_progress import RunProgress

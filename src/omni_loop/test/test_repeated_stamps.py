@@ -9,7 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from omni_brake_assist.brake_assist import BrakeAssist, BrakeDemand, Decision
+from omni_brake_assist.brake_assist import BrakeAssist, BrakeDemand
+from omni_brake_assist.conditions import Decision
 from omni_loop.experiment import ExperimentLibrary
 from omni_loop.loop import SensorEstimator, steps
 from omni_sim.simulator import Simulator

@@ -9,13 +9,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from omni_brake_assist.brake_assist import (
-    AssistState,
-    BrakeAssist,
-    BrakeAssistConfiguration,
-    BrakeDemand,
-    Decision,
-)
+from omni_brake_assist.brake_assist import BrakeAssist, BrakeDemand
+from omni_brake_assist.conditions import AssistState, Decision
+from omni_brake_assist.configuration import BrakeAssistConfiguration
 from omni_brake_assist.sources import FUSED
 from omni_platform.configuration import ConfigurationError
 from omni_platform.geometry import WheelMount

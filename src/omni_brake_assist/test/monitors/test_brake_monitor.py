@@ -5,7 +5,8 @@ import dataclasses
 import numpy as np
 import pytest
 
-from omni_brake_assist.brake_assist import AssistState, BrakeAssist, BrakeDemand
+from omni_brake_assist.brake_assist import BrakeAssist, BrakeDemand
+from omni_brake_assist.conditions import AssistState
 from omni_brake_assist.configuration import LAWS, BrakeAssistConfiguration
 from omni_brake_assist.laws.law import NO_WHEEL, Motion
 from omni_brake_assist.monitors.brake_monitor import (

@@ -29,7 +29,7 @@ def reference() -> str:
     """Return the reference of all parameters as Markdown text."""
     from linescan_odometry.camera.configuration import CameraConfiguration
     from linescan_odometry.odometry import OdometryConfiguration
-    from omni_brake_assist.brake_assist import BrakeAssistConfiguration
+    from omni_brake_assist.configuration import BrakeAssistConfiguration
     from omni_loop.experiment import ExperimentConfiguration
     from omni_sim.configuration import SimulatorConfiguration
     from omni_vehicle.brake_adapter import BrakeAdapterConfiguration
