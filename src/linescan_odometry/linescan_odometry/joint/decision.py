@@ -188,7 +188,6 @@ def decide(
     layout: Layout,
     found: Doubles,
     evidence: Doubles,
-    unlikely: Doubles,
     limits: tuple[float, float],
 ) -> tuple[int, bool]:
     """Return the index of the most likely candidate, and whether the choice is ambiguous.
@@ -198,17 +197,16 @@ def decide(
         layout: sizes of the batch.
         found: candidates [px], shape (c,).
         evidence: log-likelihood ratio of each candidate from `rate` [nats], shape (c,).
-        unlikely: negative logarithm of each candidate's prior [nats], shape (c,).
         limits: two numbers. The first is the minimum log-likelihood of an accepted displacement
             [nats]. The second is a ratio of log-likelihoods [1]: the choice is ambiguous if the
             second-largest one, divided by the largest one, exceeds this ratio.
     """
     likely, ratio = limits
-    order = np.argsort(unlikely - evidence)
+    order = np.argsort(-evidence)
     best = order[0]
     for i in order[1:]:
         own, other = _contest(rest, layout, found[best], found[i], likely)
-        if other - unlikely[i] > own - unlikely[best]:
+        if other > own:
             best = i
     rivals = evidence[np.abs(found - found[best]) >= candidates.APART]
     return best, bool((rivals > ratio * evidence[best]).any())

@@ -212,7 +212,7 @@ def _estimate(
     found = candidates.find((usual, varying), layout, camera.weight, last)
     remainder = varying if layout.lines >= fixed_pattern.FEWEST_LINES else usual
     view = _View(lines, table, logs, transformed, mean, known, found, usual, remainder)
-    d, moves, flaw = _choose(view, camera, layout, last)
+    d, moves, flaw = _choose(view, camera, layout)
     if flaw:
         return Estimate(d, math.inf, flaw, view.logs, 0.0, pattern)
     # At rest, and with few lines, ground and pattern cannot be separated. The prior of the pattern
@@ -237,9 +237,7 @@ def _estimate(
 
 
 @kernel
-def _choose(
-    view: _View, camera: _Camera, layout: candidates.Layout, last: float
-) -> tuple[float, bool, str]:
+def _choose(view: _View, camera: _Camera, layout: candidates.Layout) -> tuple[float, bool, str]:
     """Return the candidate for the displacement that explains the lines best.
 
     At rest, the lines minus the mean of all lines are white noise. The vehicle therefore counts as
@@ -251,7 +249,6 @@ def _choose(
         view: the batch.
         camera: constants of the camera.
         layout: sizes of the batch.
-        last: displacement per line in the previous batch [px]; NaN without a previous batch.
 
     Returns:
         Displacement per line [px]; whether it is a motion and not rest; and the reason why it is
@@ -279,13 +276,8 @@ def _choose(
         return c, moves, "" if own > _LIKELY else "low texture"
     if evidence[best] < _LIKELY:
         return found[best], True, "low texture"
-    unlikely = np.zeros(len(found))
-    if math.isfinite(last):
-        # The limit ensures that the prior matters only if the lines cannot distinguish candidates.
-        change = (found - last) / (camera.spread * layout.lines)
-        unlikely = np.minimum(0.5 * change**2, limit)
     limits = _LIKELY, _RATIO
-    best, ambiguous = decision.decide(remainder, layout, found, evidence, unlikely, limits)
+    best, ambiguous = decision.decide(remainder, layout, found, evidence, limits)
     return found[best], True, "ambiguous" if ambiguous else ""
 
 
