@@ -37,8 +37,9 @@ def drive(vehicle: str, *changes: str) -> tuple[Wheels, Signals, tuple[float, fl
     The values are shared by all tests of a process: a test changes copies of them.
     """
     plain = ["feedback=velocity_sensor", "simulation.render_lines=false"]
+    slower = "simulation.control_period=0.02"  # half the steps, which show check-vehicle the same
     configuration = ExperimentLibrary(CONFIG).load(
-        "commissioning", "assisted", [f"vehicle={vehicle}", *plain, *changes]
+        "commissioning", "assisted", [f"vehicle={vehicle}", *plain, slower, *changes]
     )
     rows = []
     assist = BrakeAssist(configuration.brake_assist)

@@ -30,7 +30,7 @@ from omni_tools.commissioning.signals import Motions, Signals, motions_of, signa
 
 @pytest.fixture(scope="module")
 def forklift() -> tuple[Wheels, Signals, tuple[float, float]]:
-    return drive("mecanum_forklift")
+    return drive("mecanum_forklift", "simulation.control_period=0.01")  # the period of recordings
 
 
 @pytest.mark.parametrize("vehicle", ["mecanum_forklift", "six_wheel_mecanum", "three_wheel_robot"])
