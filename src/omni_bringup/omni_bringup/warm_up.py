@@ -15,6 +15,7 @@ from linescan_odometry.odometry import LineScanOdometry
 from omni_brake_assist.brake_assist import BrakeAssist
 from omni_bringup.workspace import workspace_folder
 from omni_loop import compiled, experiment, loop
+from omni_ros.start import start_lightly
 from omni_sim.simulator import Simulator
 
 _EXPERIMENT = "straight_line"
@@ -51,6 +52,7 @@ def standard_run() -> experiment.ExperimentConfiguration:
 
 
 if __name__ == "__main__":
+    start_lightly()
     configuration = standard_run()
     compile_for_run(configuration)
     if "--all" in sys.argv:

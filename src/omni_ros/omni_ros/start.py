@@ -20,7 +20,7 @@ _COLLECTION_THRESHOLD = 50_000  # number of new objects per garbage collection o
 
 
 def start_lightly() -> None:
-    """Disable slow imports and threads; this function must be called before numpy is imported.
+    """Disable slow imports and threads; call this function before numpy is imported if possible.
 
     numba would import the coverage tool, and the message packages would import a message generator.
     NumPy and SciPy each contain an OpenBLAS library. Each library would start threads that wait

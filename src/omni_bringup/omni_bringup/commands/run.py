@@ -63,6 +63,7 @@ class Options(LoopOptions, CommandOptions):
 
 def run(options: Options, workspace: Workspace) -> command_report.Report:
     """Check the configuration, make the folder, run every variant, draw the figures, report."""
+    from omni_bringup.graph.process_group import fork_server
     from omni_loop.sweep import is_swept
 
     if any(map(is_swept, options.changes)):
@@ -73,6 +74,7 @@ def run(options: Options, workspace: Workspace) -> command_report.Report:
             raise ConfigurationError(option, "a sweep runs in one process, without nodes")
         runs = _checked_configurations(options, workspace.checked_experiments())
         return run_sweep(options, runs, workspace)
+    fork_server()  # imports the modules of the nodes while the configurations are checked
     runs = _checked_configurations(options, workspace.experiment_library())
     configurations = {variant: configuration for variant, _, configuration in runs}
     folder = _result_folder(options, workspace)

@@ -1,7 +1,7 @@
 """Start of nodes as forks of a process that has already imported their modules.
 
-The imports take half a second of CPU time in each node. The fork server imports the module of a
-node before its first start, and forks itself for every start. The node becomes a child of the
+The imports take half a second of CPU time in each node. The fork server imports the modules of all
+nodes when it starts, and forks itself for every start of a node. The node becomes a child of the
 requesting process. It has its own process group, arguments, environment and streams, and `ps` shows
 it by its executable, as if ``ros2 run`` had started it. Executables that are not nodes of this
 workspace are started as new programs instead.
@@ -86,6 +86,10 @@ def _adopting_orphans() -> Iterator[None]:
 def serve(connection: socket.socket) -> None:
     """Serve as the fork server: start the requested programs until the requesting process ends."""
     before = dict(os.environ)
+    for entry in entry_points(group=NODES):
+        with contextlib.suppress(Exception):  # the node itself reports the error
+            importlib.import_module(entry.module)
+    gc.freeze()
     while True:
         data, descriptors, _, _ = socket.recv_fds(connection, _LONGEST_REQUEST, 4)
         if not data:
@@ -93,10 +97,6 @@ def serve(connection: socket.socket) -> None:
         request = json.loads(data)
         changed = any(request["environment"].get(v) != before.get(v) for v in _READ_AT_START)
         module = None if changed else node_module(Path(request["command"][0]))
-        if module:
-            with contextlib.suppress(Exception):  # the node itself reports the error
-                importlib.import_module(module)
-            gc.freeze()
         parent = os.fork()
         if parent == 0:
             parent = os.getpid()

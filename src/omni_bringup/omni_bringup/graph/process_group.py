@@ -91,7 +91,7 @@ class RunningProcess:
             # Each node has its own process group. Ctrl-C then reaches only this process, which ends
             # the nodes in order. The nodes stay in the session: if this process dies, the kernel
             # sends SIGHUP and SIGCONT to a halted node, which then ends.
-            self.pid = _fork_server().start(command, {**environment, **shown}, streams)
+            self.pid = fork_server().start(command, {**environment, **shown}, streams)
         self._read_until = 0
         self._halted = False
         self._running_at = time.monotonic()  # time of the last check without a halt [s]
@@ -183,7 +183,7 @@ class RunningProcess:
 
 
 @functools.cache
-def _fork_server() -> ForkServer:
+def fork_server() -> ForkServer:
     """Return the fork server of this process, which ends together with this process."""
     return ForkServer({**os.environ, PARENT_PID_VARIABLE: str(os.getpid())})
 
