@@ -49,7 +49,8 @@ def allocate(law: Constants, memory: Memory, motion: Motion) -> None:
 
     The solution begins with the friction force of each wheel as a share of the wheel's capacity.
     """
-    body, qp, n, total = memory.body[0], memory.qp, law.rim.size, 0.0
+    body, qp, n = memory.body[0], memory.qp, law.rim.size
+    total = 0.0
     for wheel in memory.wheel:
         total += wheel.capacity
     per = body.force / body.deceleration / total  # share per acceleration [s^2/m]

@@ -78,7 +78,7 @@ class Law(Protocol):
         """
 
 
-_shown: set[tuple[type, int]] = set()  # laws and those of their results that have been printed
+_shown: set[tuple[type, str]] = set()  # laws and those of their events that have been printed
 
 
 @lean
@@ -118,20 +118,20 @@ def call_law(
         if enabled:
             frames = traceback.extract_tb(problem.__traceback__)[1:]  # without this function
             lines = traceback.format_list(frames) + traceback.format_exception_only(problem)
-            _show(law, FAILED, "failed", ":\n" + "".join(lines).rstrip())
+            _show(law, "failed", "\n" + "".join(lines).rstrip())
         return FAILED, f"{type(problem).__name__}: {problem}"
     if enabled and answer != NO_HELP and not enable.any():
         twist = f"({motion.v_x:.3g} m/s, {motion.v_y:.3g} m/s, {motion.yaw_rate:.3g} rad/s)"
-        _show(law, ASSIST, f"released every wheel at the twist {twist}")
+        _show(law, "released every wheel", f" the twist is {twist}")
     return ASSIST if answer is None else answer, ""
 
 
-def _show(law: Law, result: int, event: str, details: str = "") -> None:
+def _show(law: Law, event: str, details: str) -> None:
     """Print once for a law what it has done, and that all brakes are on for this reason."""
-    if (type(law), result) not in _shown:
-        _shown.add((type(law), result))
+    if (type(law), event) not in _shown:
+        _shown.add((type(law), event))
         name = f"{type(law).__module__}:{type(law).__qualname__}"
-        sentence = f"control law {name} {event}, so all brakes are on (shown once)"
+        sentence = f"control law {name} {event}, so all brakes are on (shown once):"
         print(sentence + details, file=sys.stderr, flush=True)
 
 

@@ -202,7 +202,7 @@ def test_the_twist_stays_fused_while_a_law_fails(mecanum: Wheels, module: str, i
 
 @pytest.mark.parametrize(
     ("law", "sentence"),
-    [("NothingToo", "released every wheel at the twist (7.7"), ("NoErrorToo", "must be finite")],
+    [("NothingToo", "(shown once): the twist is (7.7"), ("NoErrorToo", "must be finite")],
 )
 def test_the_reason_for_full_braking_is_shown_once(
     mecanum: Wheels, module: str, law: str, sentence: str, capfd: pytest.CaptureFixture[str]
