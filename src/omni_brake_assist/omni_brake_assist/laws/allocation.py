@@ -19,7 +19,7 @@ import math
 import numpy as np
 
 from omni_brake_assist.configuration import BrakeAssistConfiguration
-from omni_brake_assist.laws.allocation_state import BODY, WHEEL, Constants, Memory
+from omni_brake_assist.laws.allocation_state import BODY, GRAVITY, WHEEL, Constants, Memory
 from omni_brake_assist.laws.braking_qp import allocate, new_qp
 from omni_brake_assist.laws.law import ASSIST, NO_HELP, Motion
 from omni_brake_assist.laws.observers import observe_body, observe_friction, observe_wheels
@@ -29,7 +29,6 @@ from omni_platform.geometry import PlatformGeometry
 from omni_platform.kernels import lean
 from omni_platform.quantities import FloatArray
 
-_GRAVITY = 9.81  # [m/s^2]
 _PERIOD = 0.01  # control period assumed at the first step [s]
 
 
@@ -41,14 +40,14 @@ def make_constants(
     return Constants(
         active=np.column_stack((geometry.active, geometry.lever)),
         rim=rim,
-        peak_slip=configuration.allocation.target_slip * geometry.radius / np.abs(rim),
         wheel_mass=configuration.wheel_inertia / rim**2,
         most=brake.max_torque / np.abs(rim),
         gyration=math.sqrt(np.mean(geometry.position**2)),
         mass=configuration.nominal_mass,
         max_rotation=math.radians(configuration.max_rotation),
         brake=NominalBrake(brake.dead_time, brake.time_constant, brake.pressure_step),
-        **vars(configuration.allocation),
+        **vars(configuration.allocation)
+        | {"target_slip": configuration.allocation.target_slip * geometry.radius / np.abs(rim)},
     )
 
 
@@ -72,9 +71,9 @@ def step(
     if motion.first:  # assume the nominal mass, equal wheel loads and a friction coefficient of 1
         body.steps, body.responded, body.dead_time = 0, False, law.brake.dead_time
         body.heading = body.yaw_disturbance = body.lateral_disturbance = 0.0
-        body.deceleration, body.force = _GRAVITY, law.mass * _GRAVITY
+        body.mass = law.mass
         memory.sent[:] = memory.qp.solution[:] = wheel["brake"][:] = wheel["force"][:] = 0.0
-        wheel["capacity"][:] = law.mass * _GRAVITY / wheel.size
+        wheel["capacity"][:] = law.mass * GRAVITY / wheel.size
     if 2 * observe_wheels(law, memory, motion, error) < wheel.size or motion.pedal <= 0.0:
         return NO_HELP
     if body.steps > 0:

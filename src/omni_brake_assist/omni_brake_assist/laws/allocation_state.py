@@ -17,6 +17,9 @@ from omni_platform.quantities import FloatArray
 CASCADE = 2.0
 """Ratio of the time constant of a loop to that of the next inner loop [1]."""
 
+GRAVITY = 9.81
+"""Gravitational acceleration [m/s^2]."""
+
 WHEEL = np.dtype(
     [
         # Sign of the hub's velocity along the active direction [1]; if the locked wheel holds its
@@ -30,7 +33,6 @@ WHEEL = np.dtype(
         # wheel. The friction of a wheel that the motion hardly drives only opposes a drift.
         ("fixed", "?"),
         ("brake", "f8"),  # nominal brake force in this step [N]
-        ("mean_brake", "f8"),  # mean nominal brake force over the last period [N]
         ("measured", "f8"),  # friction force over the last period [N]
         ("force", "f8"),  # low-passed friction force [N]
         ("capacity", "f8"),  # estimated friction capacity [N]
@@ -42,8 +44,10 @@ BODY = np.dtype(
         ("steps", "i8"),  # number of steps since the start of braking
         ("heading", "f8"),  # heading change since the start of braking [rad]
         ("twist", "f8", 3),  # velocity and yaw rate in the last step [m/s, m/s, rad/s]
-        ("deceleration", "f8"),  # low-passed magnitude of the acceleration [m/s^2]
-        ("force", "f8"),  # low-passed magnitude of the sum of friction forces [N]
+        ("mass", "f8"),  # estimated mass of the vehicle [kg]
+        # Remaining time of the stop if the friction forces of all wheels equaled their capacities
+        # and opposed the motion [s].
+        ("left", "f8"),
         ("yaw_disturbance", "f8"),  # yaw acceleration that friction does not explain [rad/s^2]
         ("lateral_disturbance", "f8"),  # unexplained acceleration across the line [m/s^2]
         ("dead_time", "f8"),  # estimated dead time of the brakes, at least the nominal one [s]
@@ -61,14 +65,14 @@ class Constants(NamedTuple):
         rim: ratio of the rim's speed along the active direction to the wheel speed,
             ``R_i n_wi . u_i`` with the wheel's radius ``R_i`` and rolling direction ``u_i`` [m],
             shape (N,).
-        peak_slip: ratio of sliding speed to rim speed at the target slip [1], shape (N,).
         wheel_mass: inertia of a wheel as a mass at its rim [kg], shape (N,).
         most: brake force with the pedal fully down [N], shape (N,).
         gyration: assumed radius of gyration of the vehicle about the vertical axis [m].
         mass: nominal mass of the vehicle [kg].
         max_rotation: allowed change of heading and of the direction of motion [rad].
         brake: nominal lag of the brakes.
-        target_slip: slip at which a tire transmits its largest force [1].
+        target_slip: ratio of the sliding speed to the speed of the rim along the active direction
+            at which the tire transmits its largest force [1], shape (N,).
         observer_time: time constant of the friction observer [s].
         relaxation_speed: sliding speed that is added to the set-point until the tire has deflected
             [m/s].
@@ -82,14 +86,13 @@ class Constants(NamedTuple):
 
     active: FloatArray
     rim: FloatArray
-    peak_slip: FloatArray
     wheel_mass: FloatArray
     most: FloatArray
     gyration: float
     mass: float
     max_rotation: float
     brake: NominalBrake
-    target_slip: float
+    target_slip: FloatArray
     observer_time: float
     relaxation_speed: float
     return_share: float

@@ -53,11 +53,12 @@ def allocate(law: Constants, memory: Memory, motion: Motion) -> None:
     total = 0.0
     for wheel in memory.wheel:
         total += wheel.capacity
-    per = body.force / body.deceleration / total  # share per acceleration [s^2/m]
+    per = body.mass / total  # share per acceleration [s^2/m]
     speed = math.hypot(motion.v_x, motion.v_y)
+    body.left = speed * per
     # The time constants are proportional to the remaining time of the stop. Their lower limit
     # ensures that the inner loops are faster.
-    time = max(CASCADE**2 * law.observer_time, law.return_share * speed * per)
+    time = max(CASCADE**2 * law.observer_time, law.return_share * body.left)
     # The parts of the deviations that exceed their limits.
     heading = body.heading - min(max(body.heading, -law.max_rotation), law.max_rotation)
     drift = motion.across_x * motion.v_x + motion.across_y * motion.v_y

@@ -14,14 +14,14 @@ half as fast as the next inner loop.
 
 import math
 
-from omni_brake_assist.laws.allocation_state import CASCADE, Constants, Memory
+from omni_brake_assist.laws.allocation_state import CASCADE, GRAVITY, Constants, Memory
 from omni_brake_assist.laws.law import Motion
 from omni_brake_assist.laws.wheel_model import BrakedWheel, advance_rim, command_at, lagged
 from omni_platform.kernels import lean
 from omni_platform.quantities import FloatArray
 
 _RESPONSE = 0.3  # share of the expected loss of wheel speed that counts as a response [1]
-_LONGEST_EXTRA = 0.15  # limit on the estimated dead time minus the nominal one [s]
+_LONGEST_DEAD_TIME = 0.15  # a dead time above this limit is not increased [s]
 _LEAST_CAPACITY = 1.0  # lower limit, so that shares of the capacity are defined [N]
 
 
@@ -56,20 +56,19 @@ def observe_wheels(law: Constants, memory: Memory, motion: Motion, error: FloatA
         known += wheel.known
         wheel.last_speed = wheel.speed
         wheel.speed = max(wheel.sign * rolled, 0.0) if wheel.known else wheel.hub
-        error[i] = wheel.hub - (1.0 + law.peak_slip[i]) * wheel.speed
+        error[i] = wheel.hub - (1.0 + law.target_slip[i]) * wheel.speed
         command = law.most[i] * command_at(memory.sent, body.steps - 1, body.dead_time / body.dt, i)
-        wheel.brake, wheel.mean_brake = lagged(law.brake, wheel.brake, command, body.dt)
+        wheel.brake, _ = lagged(law.brake, wheel.brake, command, body.dt)
         if wheel.known and not body.responded:
-            model = BrakedWheel(wheel.capacity, law.peak_slip[i], law.wheel_mass[i], wheel.hub)
-            after, _ = advance_rim(model, wheel.last_speed, wheel.mean_brake, body.dt)
+            model = BrakedWheel(wheel.capacity, law.target_slip[i], law.wheel_mass[i], wheel.hub)
+            after, _ = advance_rim(model, wheel.last_speed, wheel.brake, body.dt)
             expected += wheel.last_speed - after
             lost += wheel.last_speed - wheel.speed
     if expected > 0.0:
-        longest = law.brake.dead_time + _LONGEST_EXTRA
-        body.responded = lost > _RESPONSE * expected or body.dead_time > longest
+        body.responded = lost > _RESPONSE * expected or body.dead_time > _LONGEST_DEAD_TIME
         if not body.responded:
             body.dead_time += body.dt
-            memory.wheel["brake"][:] = memory.wheel["mean_brake"][:] = 0.0
+            memory.wheel["brake"][:] = 0.0
     return known
 
 
@@ -91,7 +90,7 @@ def observe_friction(law: Constants, memory: Memory) -> None:
         largest = max(largest, wheel.capacity * wheel.known)
     for i, wheel in enumerate(memory.wheel):
         change = wheel.speed - wheel.last_speed
-        wheel.measured = max(wheel.mean_brake + law.wheel_mass[i] * change / dt, 0.0)
+        wheel.measured = max(wheel.brake + law.wheel_mass[i] * change / dt, 0.0)
         if not wheel.known:
             wheel.capacity = largest
             wheel.measured = min(wheel.measured, wheel.capacity)
@@ -103,7 +102,7 @@ def observe_friction(law: Constants, memory: Memory) -> None:
         if rise > growth:
             share = dt / (dt + law.brake.time_constant)
             wheel.capacity += share * max(wheel.measured - wheel.capacity, 0.0)
-        elif wheel.hub > (1.0 + law.peak_slip[i]) * wheel.speed:
+        elif wheel.hub > (1.0 + law.target_slip[i]) * wheel.speed:
             wheel.capacity += gain * (wheel.force - wheel.capacity)
         elif memory.qp.solution[i] >= 1.0:
             wheel.capacity += growth
@@ -123,12 +122,10 @@ def observe_body(law: Constants, memory: Memory, motion: Motion) -> None:
     body.heading += 0.5 * (body.twist[2] + motion.yaw_rate) * dt
     a_x = (motion.v_x - body.twist[0]) / dt - motion.yaw_rate * motion.v_y
     a_y = (motion.v_y - body.twist[1]) / dt + motion.yaw_rate * motion.v_x
-    share = 1.0 - math.exp(-dt / (CASCADE**2 * law.observer_time))
-    body.deceleration += share * (math.hypot(a_x, a_y) - body.deceleration)
-    body.force += share * (math.hypot(f_x, f_y) - body.force)
-    mass = body.force / body.deceleration
     share = 1.0 - math.exp(-dt / (CASCADE * law.observer_time))
-    turned = (motion.yaw_rate - body.twist[2]) / dt - moment / (mass * law.gyration**2)
+    change = math.hypot(a_x, a_y)
+    body.mass += share * (math.hypot(f_x, f_y) - body.mass * change) / (change + GRAVITY)
+    turned = (motion.yaw_rate - body.twist[2]) / dt - moment / (body.mass * law.gyration**2)
     body.yaw_disturbance += share * (turned - body.yaw_disturbance)
-    pushed = (a_x - f_x / mass) * motion.across_x + (a_y - f_y / mass) * motion.across_y
+    pushed = (a_x - f_x / body.mass) * motion.across_x + (a_y - f_y / body.mass) * motion.across_y
     body.lateral_disturbance += share * (pushed - body.lateral_disturbance)

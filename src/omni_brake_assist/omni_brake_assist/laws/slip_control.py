@@ -22,26 +22,31 @@ from omni_brake_assist.laws.law import Motion
 from omni_platform.kernels import lean
 from omni_platform.quantities import FloatArray
 
-_LEAST_ENABLE = 0.01  # enable of one brake if all others are released [1]
+# Lower limit of the enable of the proportional brake with the largest demanded share [1]. It hardly
+# brakes the wheel. Without it, the assistant would put all brakes on when the law releases all.
+_LEAST_ENABLE = 1e-3
 
 
 @lean
 def control_slip(law: Constants, memory: Memory, motion: Motion, enable: FloatArray) -> None:
     """Write the brake enables of all wheels [1], shape (N,), to `enable`.
 
-    For on-off valves, the predicted friction forces are written to `memory.forces`. At least one
-    brake remains on.
+    For on-off valves, the predicted friction forces are written to `memory.forces`. The law never
+    releases all brakes. If the cost is lowest with all valves shut, and no wheel is fixed, only the
+    valve of the wheel with the largest demanded share is open.
     """
     body, share, valves = memory.body[0], memory.qp.solution, law.brake.pressure_step >= 1.0
     times, delay = (body.dt, law.observer_time), body.dead_time / body.dt
-    slowing = body.deceleration / (math.hypot(motion.v_x, motion.v_y) + 1e-3)  # [1/s]
+    fixed = largest = 0  # pattern of the fixed wheels, and wheel with the largest demanded share
     for i, wheel in enumerate(memory.wheel):
+        largest = i if share[i] > share[largest] else largest
         enable[i], memory.forces[0, i], memory.forces[1, i] = 1.0, share[i], share[i]
         if wheel.fixed:
+            fixed |= 1 << i
             continue
         # State of the wheel when a new command begins to act.
-        hub = wheel.hub / (1.0 + slowing * body.dead_time)
-        braked = model.BrakedWheel(wheel.capacity, law.peak_slip[i], law.wheel_mass[i], hub)
+        hub = wheel.hub * body.left / (body.left + body.dead_time + 1e-9)
+        braked = model.BrakedWheel(wheel.capacity, law.target_slip[i], law.wheel_mass[i], hub)
         rim = model.Rim(wheel.speed, wheel.brake, wheel.force)
         for k in range(min(math.ceil(delay - 1e-9), model.QUEUE)):
             command = model.command_at(memory.sent, body.steps - 1, max(delay - 1.0 - k, 0.0), i)
@@ -58,16 +63,11 @@ def control_slip(law: Constants, memory: Memory, motion: Motion, enable: FloatAr
         time = law.observer_time / CASCADE + body.dead_time
         aim = wheel.capacity + braked.mass * (rim.speed - goal) / time if goal > 0.0 else math.inf
         if share[i] < 1.0 or not wheel.known:
-            demanded, slowed = share[i] * wheel.capacity, braked.mass * rim.speed * slowing
-            aim = min(aim, demanded + slowed + demanded - rim.force)
+            aim = min(aim, 2.0 * share[i] * wheel.capacity - rim.force)
         enable[i] = min(max(model.command_for(law.brake, rim.brake, aim, body.dt) / most, 0.0), 1.0)
-    pattern = best_pattern(memory) if valves else 0
-    largest, total = 0, 0.0
-    for i, wheel in enumerate(memory.wheel):
-        if valves and not wheel.fixed:
+    if valves:
+        pattern = best_pattern(memory) | fixed or 1 << largest
+        for i in range(enable.size):
             enable[i] = (pattern >> i) & 1
-        if share[i] > share[largest]:
-            largest = i
-        total += enable[i]
-    if total <= 0.0:
-        enable[largest] = max(law.brake.pressure_step, _LEAST_ENABLE)
+    else:
+        enable[largest] = max(enable[largest], _LEAST_ENABLE)

@@ -80,14 +80,12 @@ def test_a_braked_wheel_settles_where_friction_balances_the_brake() -> None:
     assert force == 4000.0
 
 
-def _law(
-    wheels: Wheels, resolution: float = 0.0, kind: str = PROPORTIONAL
-) -> tuple[Constants, Memory]:
+def _law(wheels: Wheels, kind: str = PROPORTIONAL) -> tuple[Constants, Memory]:
     configuration = BrakeAssistConfiguration(
         wheels=wheels,
         law="allocation",
         wheel_inertia=0.5,
-        brake=BrakeConfiguration(kind=kind, max_torque=1500.0, resolution=resolution),
+        brake=BrakeConfiguration(kind=kind, max_torque=1500.0),
     )
     geometry = PlatformGeometry.from_wheels(wheels)
     return allocation.make_constants(configuration, geometry), allocation.new_memory(len(wheels))
@@ -121,7 +119,7 @@ def test_brakes_that_are_all_alike_act_alike(mecanum: Wheels) -> None:
 
 
 @pytest.mark.parametrize("nominal", [0.0, 0.04])
-def test_brakes_without_effect_delay_the_law_by_at_most_150_ms(
+def test_the_dead_time_of_brakes_without_effect_is_estimated_up_to_150_ms(
     mecanum: Wheels, nominal: float
 ) -> None:
     law, memory = _law(mecanum)
@@ -130,7 +128,7 @@ def test_brakes_without_effect_delay_the_law_by_at_most_150_ms(
         motion = _motion(5.0, 25.0, 4, first=step == 0)
         allocation.step(law, memory, motion, np.zeros(4), np.zeros(4))
     assert memory.body["responded"]
-    assert memory.body["dead_time"] == pytest.approx([nominal + 0.15], abs=0.0101)
+    assert memory.body["dead_time"] == pytest.approx([0.15], abs=0.0101)
 
 
 def test_a_wheel_that_locks_is_let_go(mecanum: Wheels) -> None:
@@ -162,12 +160,27 @@ def test_disturbances_are_the_accelerations_that_friction_does_not_explain(
     # The axes of the body rotate, so its velocity also changes without acceleration.
     change = np.array((a_x + yaw_rate * v_y, a_y - yaw_rate * v_x, turned)) * dt
     body["dt"], body["heading"], body["twist"] = dt, 0.2, (v_x, v_y, yaw_rate) - change
-    body["deceleration"], body["force"] = math.hypot(a_x, a_y), math.hypot(f_x, f_y)
+    body["mass"] = mass
     observe_body(law, memory, Motion(False, dt, v_x, v_y, yaw_rate, *across, 1.0, np.zeros(4)))
     share = 1.0 - math.exp(-dt / (2.0 * law.observer_time))
+    assert body["mass"] == pytest.approx(mass)
     assert body["yaw_disturbance"] == pytest.approx(share * turn, abs=1e-9)
     assert body["lateral_disturbance"] == pytest.approx(share * push, abs=1e-9)
     assert body["heading"] == pytest.approx(0.2 + (yaw_rate - 0.5 * change[2]) * dt)
+
+
+@pytest.mark.parametrize("mass", [300.0, 3000.0])
+def test_the_mass_estimate_approaches_force_over_acceleration(mecanum: Wheels, mass: float) -> None:
+    law, memory = _law(mecanum)
+    body, wheel, dt = memory.body[0], memory.wheel, 0.01
+    wheel["sign"], wheel["measured"] = 1.0, 1000.0
+    slowing = math.hypot(*(wheel["measured"] @ law.active)[:2]) / mass
+    body["mass"], body["dt"], body["twist"][0] = law.mass, dt, 5.0
+    for _ in range(400):
+        v_x = body["twist"][0] - slowing * dt
+        observe_body(law, memory, Motion(False, dt, v_x, 0.0, 0.0, 0.0, 1.0, 1.0, np.zeros(4)))
+        body["twist"][0] = v_x
+    assert body["mass"] == pytest.approx(mass, rel=0.05)
 
 
 @pytest.mark.parametrize(
@@ -182,7 +195,7 @@ def test_a_locked_wheel_is_released_if_less_than_half_of_its_capacity_is_demande
     memory.qp.solution[0] = share
     memory.wheel["force"] = (share if spin > 0.0 else 1.0) * memory.wheel["capacity"]
     control_slip(law, memory, motion, enable)
-    assert (enable[0] == 0.0) == released
+    assert (enable[0] < 0.01) == released
 
 
 @pytest.mark.parametrize("drift", [0.0, 0.5, -0.3])
@@ -192,13 +205,12 @@ def test_only_the_velocity_across_the_line_demands_a_lateral_force(
 ) -> None:
     law, memory = _law(mecanum)
     allocation.step(law, memory, _motion(5.0, 25.0, 4, first=True), np.zeros(4), np.zeros(4))
-    memory.body["force"], memory.body["deceleration"] = 4000.0, 5.0
-    memory.body["lateral_disturbance"] = 0.0
+    memory.body["mass"], memory.body["lateral_disturbance"] = 800.0, 0.0
     c, s = math.cos(direction), math.sin(direction)
     v_x, v_y = 5.0 * c - drift * s, 5.0 * s + drift * c
     allocate(law, memory, Motion(False, 0.01, v_x, v_y, 0.0, -s, c, 1.0, np.zeros(4)))
     allowed = law.max_rotation * math.hypot(5.0, drift)
-    per = 4000.0 / 5.0 / memory.wheel["capacity"].sum()
+    per = 800.0 / memory.wheel["capacity"].sum()
     time = max(4.0 * law.observer_time, law.return_share * math.hypot(5.0, drift) * per)
     excess = math.copysign(max(abs(drift) - allowed, 0.0), drift)
     assert memory.qp.goals[SIDE] == pytest.approx(-excess / (2.0 * time) * per, abs=1e-12)
@@ -211,7 +223,7 @@ def test_a_capacity_that_is_fully_demanded_grows_slowly(
     law, memory = _law(mecanum)
     memory.body["dt"], memory.qp.solution[:4], wheel = 0.01, demanded, memory.wheel
     wheel["known"], wheel["hub"], wheel["speed"], wheel["last_speed"] = True, 5.0, 5.0, 5.0
-    wheel["mean_brake"] = wheel["force"] = 1000.0
+    wheel["brake"] = wheel["force"] = 1000.0
     wheel["capacity"] = 3000.0
     observe_friction(law, memory)
     share = 0.01 / (16.0 * law.observer_time) * grows
@@ -222,25 +234,24 @@ def test_at_the_target_slip_the_brake_holds_the_friction_capacity(mecanum: Wheel
     law, memory = _law(mecanum)
     enable, motion = np.zeros(4), _motion(5.0, 20.0, 4, first=True)
     allocation.step(law, memory, motion, np.zeros(4), enable)
-    memory.body["deceleration"], memory.qp.solution[:4] = 0.0, 1.0
+    memory.qp.solution[:4] = 1.0
     memory.wheel["capacity"] = memory.wheel["force"] = memory.wheel["brake"] = 2000.0
     for slower in (0.0, 0.1):
-        memory.wheel["speed"] = memory.wheel["hub"] / (1.0 + law.peak_slip) - slower
+        memory.wheel["speed"] = memory.wheel["hub"] / (1.0 + law.target_slip) - slower
         control_slip(law, memory, motion, enable)
         # The rim returns to the target within half of the observer's time constant.
         need = 2000.0 - law.wheel_mass * slower / (0.5 * law.observer_time)
         assert enable == pytest.approx(need / law.most)
 
 
-@pytest.mark.parametrize("pressure_step", [0.0, 0.25])
-def test_of_locked_wheels_all_but_one_are_released(mecanum: Wheels, pressure_step: float) -> None:
-    law, memory = _law(mecanum, pressure_step)
+def test_of_locked_wheels_all_but_one_are_released(mecanum: Wheels) -> None:
+    law, memory = _law(mecanum)
     error, enable = np.zeros(4), np.zeros(4)
     for step in range(2):
         motion = _motion(10.0, 0.0, 4, first=step == 0)
         assert allocation.step(law, memory, motion, error, enable) == ASSIST
     assert np.count_nonzero(enable) == 1  # the assistant allows none to roll unbraked
-    assert np.max(enable) == max(pressure_step, 0.01)
+    assert np.max(enable) < 0.01
 
 
 def test_valves_of_wheels_that_slide_in_any_case_are_shut(mecanum: Wheels) -> None:
