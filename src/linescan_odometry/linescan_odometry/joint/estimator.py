@@ -140,7 +140,7 @@ class JointEstimator:
         self._size = int(transform_size(2 * sensor.pixels))  # no shift wraps around
         bins = int(spectra.HIGHEST * self._size)
         taper = spectra.window(sensor.pixels)
-        self._tables = {1: spectra.log_table(8), 2: spectra.log_table(16)}
+        self._table = spectra.log_table()
         power = non_uniformity**2 * float((taper**2).sum())
         stated = 1.0 / power if power > 0.0 else math.inf
         weight = candidates.band_pass(self._size, bins)
@@ -173,9 +173,11 @@ class JointEstimator:
         """Return the displacement estimated from a batch of lines, oldest first, shape (m, n)."""
         m, n = lines.shape
         layout = candidates.Layout(m, n, self._size, self._limit)
-        table = self._tables[lines.itemsize]
+        lines = lines.astype(np.uint16)  # the kernels are compiled for one depth
         repaired = fixed_pattern.without_defects(lines)
-        estimate = _estimate(lines, repaired, table, self._camera, self.pattern, layout, self._last)
+        estimate = _estimate(
+            lines, repaired, self._table, self._camera, self.pattern, layout, self._last
+        )
         self.pattern = estimate.pattern
         return estimate
 

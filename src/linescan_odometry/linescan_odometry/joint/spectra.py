@@ -85,12 +85,9 @@ def smoothed(values: Doubles) -> Doubles:
     return mean
 
 
-def log_table(depth: int) -> Floats:
-    """Return the logarithm of each gray level at a bit depth, shape (2^depth,).
-
-    Level 0 counts as level 1.
-    """
-    return np.log(np.maximum(np.arange(1 << depth), 1)).astype(np.float32)
+def log_table() -> Floats:
+    """Return the logarithm of each gray level, shape (2^16,); level 0 counts as level 1."""
+    return np.log(np.maximum(np.arange(1 << 16), 1)).astype(np.float32)
 
 
 @linked
