@@ -99,7 +99,7 @@ def _receive(constants: Constants, memory: Memory, inputs: Inputs) -> tuple[bool
         received = good and gate[0].cause in conditions.INPUTS_VALID
         chosen = _estimate_motion(constants, memory, inputs, received, pedal, elapsed)
         step.contradicted = chosen == bank_state.NO_ESTIMATE
-        alone = chosen == bank_state.NO_TWIST or not received or gate[0].uncertain
+        alone = chosen in bank_state.DEAD_RECKONING or not received or gate[0].uncertain
         step.reckoned = chosen != bank_state.NO_ESTIMATE and alone
         if memory.bank.record[0].equipped:
             good = gate_open = chosen != bank_state.NO_ESTIMATE

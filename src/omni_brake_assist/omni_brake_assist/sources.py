@@ -71,7 +71,7 @@ def sources(memory: Memory, kinematics: PlatformKinematics, detects: bool) -> tu
     best, gate = int(memory.bank.record[0]["best"]), memory.gate[0]
     force, gyro = map(float, memory.bank.ratio)
     twist = force + gyro  # the same sum as in `fuse_twist`
-    found = [_source("twist", twist, isolated=best in (bank.NO_TWIST, bank.NO_ESTIMATE))]
+    found = [_source("twist", twist, isolated=best in (*bank.TWIST_FAULTS, bank.NO_ESTIMATE))]
     if found[0].state == ISOLATED and not memory.bank.record[0]["pressed"]:
         found[0] = found[0]._replace(reason=_disagreement(gate, kinematics.twist(memory.speeds)))
     if gate["cause"] not in conditions.INPUTS_VALID:
@@ -84,7 +84,7 @@ def sources(memory: Memory, kinematics: PlatformKinematics, detects: bool) -> tu
     ):
         missing = not math.isfinite(reading)
         source = _source(name, ratio, isolated=best in (out, NO_IMU), missing=missing)
-        if source.state == REJECTED and best == bank.NO_TWIST:
+        if source.state == REJECTED and best in bank.TWIST_FAULTS:
             source = Source(name, ratio, FUSED)  # the innovation is that of the isolated twist
         lost = missing and (partial or bool(memory.bank.record[0]["equipped"]))
         found.append(source._replace(state=LOST) if lost else source)

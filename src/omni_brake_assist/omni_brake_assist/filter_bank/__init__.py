@@ -1,13 +1,13 @@
 """Fault detection and isolation by a bank of hypotheses (multiple-model estimation).
 
-Each hypothesis states which sources are faulty: none, the twist, the gyro, the accelerometer, the
-whole IMU, or too many to estimate the motion. Each hypothesis except the last has an extended
-Kalman filter that does not use the faulty sources. The state of the filter is ``(u_x, u_y, Omega,
-b_g, b_x, b_y, s, o)``. ``u = v + Omega k x p`` is the velocity of the point ``p`` at which the IMU
-is mounted, in the body frame, and ``Omega`` the yaw rate. ``b_g``, ``b_x`` and ``b_y`` are the
-biases of gyro and accelerometer, ``s`` is the relative error of the wheel radii, and ``o`` the
-offset of the twist's yaw rate. At the point ``p``, the specific force ``f`` gives the change of the
-velocity without the angular acceleration:
+Each hypothesis states which sources are faulty: none, the twist, only its velocity, only its yaw
+rate, the gyro, the accelerometer, the whole IMU, or too many to estimate the motion. Each
+hypothesis except the last has an extended Kalman filter that does not use the faulty sources. The
+state of the filter is ``(u_x, u_y, Omega, b_g, b_x, b_y, s, o)``. ``u = v + Omega k x p`` is the
+velocity of the point ``p`` at which the IMU is mounted, in the body frame, and ``Omega`` the yaw
+rate. ``b_g``, ``b_x`` and ``b_y`` are the biases of gyro and accelerometer, ``s`` is the relative
+error of the wheel radii, and ``o`` the offset of the twist's yaw rate. At the point ``p``, the
+specific force ``f`` gives the change of the velocity without the angular acceleration:
 
     u' = R(-Omega dt) u + R(-Omega dt / 2) (f - b) dt
 
@@ -25,19 +25,19 @@ base_link.
 
 To make their likelihoods comparable, all hypotheses explain the same readings. A reading of a
 faulty source is modeled as a random walk from the last reading, whose steps are as large as the
-vehicle's motion allows. In a faulty twist, only the velocity or only the yaw rate may be wrong. A
-wheel is modeled as a mixture of rolling, sliding, locked and a faulty encoder. The prior
-probabilities of these cases depend on the state of the brake. If the torque of a brake falls after
-a time of constant slip, the slip falls at least by the same share. The probability of each
-hypothesis, and the probabilities of faulty encoders under it, are updated by Bayes' rule with a
-constant transition probability (Blom and Bar-Shalom 1988). These probabilities alone decide which
-source is isolated and when it recovers.
+vehicle's motion allows. A wheel is modeled as a mixture of rolling, sliding, locked and a faulty
+encoder. The prior probabilities of these cases depend on the state of the brake. If the torque of a
+brake falls after a time of constant slip, the slip falls at least by the same share. The
+probability of each hypothesis, and the probabilities of faulty encoders under it, are updated by
+Bayes' rule with a constant transition probability (Blom and Bar-Shalom 1988). These probabilities
+alone decide which source is isolated and when it recovers.
 
 The filter of the most probable hypothesis gives the estimate. A component of a fused twist replaces
 the same component of the estimate if it has a smaller variance. No estimate exists in three cases:
 too many sources are faulty; the variance is too large; or the twist is isolated, and the IMU gives
-no reading or no released wheel rolls. All brakes then act; in the first and the third case, they
-act until the pedal is released. Without an IMU, only the wheels can show that the twist is faulty.
+no reading or, unless only its yaw rate is isolated, no released wheel rolls. All brakes then act;
+in the first and the third case, they act until the pedal is released. Without an IMU, only the
+wheels can show that the twist is faulty.
 
 The filters run at the time of validity of the newest twist (delayed fusion horizon). With the
 readings of gyro and accelerometer, the estimate is predicted from that time to the present.

@@ -149,14 +149,16 @@ def _is_lost(memory: BankMemory) -> bool:
     """Return whether too few working sources remain to determine the motion.
 
     If fewer than two encoders appear fault-free, the estimate itself must be wrong, because several
-    encoders do not fail at the same time. If the twist is isolated or has never been received, the
-    IMU must measure the motion and, while brakes are released, a released wheel must roll.
+    encoders do not fail at the same time. If the twist or a part of it is isolated, or no twist has
+    been received, the IMU must measure the motion. Unless only the yaw rate of the twist is
+    isolated, a released wheel must also roll while brakes are released.
     """
     record, left = memory.record[0], 0
     for probability in memory.faulty[record.best]:
         left += 1 if probability <= bank.FAULTY else 0
-    supported = record.inertial and record.unsupported < _UNSUPPORTED
-    without = (record.best == bank.NO_TWIST or not record.received) and not supported
+    supported = record.best == bank.NO_RATE or record.unsupported < _UNSUPPORTED
+    without = record.best in bank.TWIST_FAULTS or not record.received
+    without = without and not (record.inertial and supported)
     return bool(record.best == bank.NO_ESTIMATE or without or (left < 2 and record.pressed))
 
 
@@ -216,7 +218,7 @@ def _keep_precise(
     error. Both variances describe the motion of base_link.
     """
     agrees = measurement.GATE * (memory.ratio[0] + memory.ratio[1]) <= answer.size
-    if best not in (bank.NO_TWIST, bank.NO_ESTIMATE) and agrees:
+    if best not in bank.TWIST_FAULTS and best != bank.NO_ESTIMATE and agrees:
         covariance, h = memory.covariance[best], memory.h
         for j in range(answer.size):
             offset = memory.state[best, bank.OFFSET] if j == RATE else 0.0

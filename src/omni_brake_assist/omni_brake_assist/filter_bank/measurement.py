@@ -64,6 +64,13 @@ def twist_direction(constants: BankConstants, h: FloatArray, j: int) -> None:
 
 
 @lean
+def _uses_twist(k: int, j: int) -> bool:
+    """Return whether component `j` of the twist is fault-free under hypothesis `k`."""
+    part = bank.NO_RATE if j == RATE else bank.NO_VELOCITY
+    return k not in (bank.NO_TWIST, bank.NO_ESTIMATE, part)
+
+
+@lean
 def _twist_variance(constants: BankConstants, twist: bank.Twist, j: int) -> float:
     """Return the variance of component `j` of a fault-free twist [square of its unit]."""
     value = twist.value
@@ -102,28 +109,6 @@ def _twist_error(
 
 
 @lean
-def _twist_fit(
-    constants: BankConstants, memory: BankMemory, dt: float, twist: bank.Twist
-) -> tuple[float, float]:
-    """Return the evidence that velocity and yaw rate of a twist are correct rather than faulty.
-
-    A correct value is expected near the prediction of the filter that does not use the twist, and a
-    faulty value near the last twist. Without an IMU, this filter cannot predict the velocity.
-
-    Returns:
-        Twice the log likelihood ratio of correct to faulty [1], for the velocity (0 without an IMU)
-        and for the yaw rate.
-    """
-    velocity, rate = 0.0, 0.0
-    for j in range(3):
-        change, spread = _twist_error(constants, memory, bank.NO_ESTIMATE, j, dt, twist)
-        misfit, total = _twist_error(constants, memory, bank.NO_TWIST, j, dt, twist)
-        ratio = change**2 / spread + math.log(spread) - misfit**2 / total - math.log(total)
-        velocity, rate = (velocity, ratio) if j == RATE else (velocity + ratio, rate)
-    return velocity if memory.record[0].equipped else 0.0, rate
-
-
-@lean
 def fuse_twist(constants: BankConstants, memory: BankMemory, dt: float, twist: bank.Twist) -> None:
     """Correct the filters that use the twist, and update the likelihoods of all hypotheses.
 
@@ -141,30 +126,26 @@ def fuse_twist(constants: BankConstants, memory: BankMemory, dt: float, twist: b
         c * record.twist_x + s * record.twist_y,
         c * record.twist_y - s * record.twist_x,
     )
-    velocity, rate = _twist_fit(constants, memory, dt, twist)
     for k in range(bank.HYPOTHESES):
-        uses = k not in (bank.NO_TWIST, bank.NO_ESTIMATE)
-        squared, logs = 0.0, 0.0
+        squared, rejects, logs = 0.0, 0.0, 0.0
         for j in range(3):
-            # A twist with a faulty velocity may have a correct yaw rate, and vice versa.
-            fit, other = (rate, velocity) if j == RATE else (velocity, rate)
-            predicts = uses or (k == bank.NO_TWIST and fit > max(other, 0.0))
-            model = k if predicts else bank.NO_ESTIMATE
+            uses = _uses_twist(k, j)
+            model = k if uses else bank.NO_ESTIMATE
             innovation, total = _twist_error(constants, memory, model, j, dt, twist)
             squared += innovation**2 / total
+            rejects += innovation**2 / total if uses else 0.0
             logs += math.log(total)
             if k == bank.ALL and j >= 1:
                 memory.ratio[j - 1] = squared / GATE
         if k == bank.ALL:
             memory.ratio[1] -= memory.ratio[0]
         memory.evidence[k] -= constants.weight * 0.5 * (min(squared, 2.0 * GATE) + logs)
-        if not uses:
-            continue
-        if squared <= GATE or not record.equipped:
+        if rejects <= GATE or not record.equipped:
             for j in range(3):
-                innovation, _ = _twist_error(constants, memory, k, j, dt, twist)
-                own = _twist_variance(constants, twist, j)
-                correct(memory, k, innovation, own, (bank.BIAS_RATE, bank.OFFSET))
+                if _uses_twist(k, j):
+                    innovation, _ = _twist_error(constants, memory, k, j, dt, twist)
+                    own = _twist_variance(constants, twist, j)
+                    correct(memory, k, innovation, own, (bank.BIAS_RATE, bank.OFFSET))
         elif record.best not in (k, bank.NO_ESTIMATE):
             bank.reset(memory, k, record.best)
     record.twist_x, record.twist_y, record.twist_rate = value[0], value[1], value[2]

@@ -16,8 +16,12 @@ Record = Any
 
 # Hypotheses on which source is faulty. Each hypothesis except NO_ESTIMATE has a filter that does
 # not use this source.
-ALL, NO_TWIST, NO_GYRO, NO_FORCE, NO_IMU, NO_ESTIMATE = range(6)
-FILTERS, HYPOTHESES = 5, 6
+ALL, NO_TWIST, NO_VELOCITY, NO_RATE, NO_GYRO, NO_FORCE, NO_IMU, NO_ESTIMATE = range(8)
+FILTERS, HYPOTHESES = 7, 8
+DEAD_RECKONING = NO_TWIST, NO_VELOCITY
+"""Hypotheses under which only the IMU and the wheels measure the velocity."""
+TWIST_FAULTS = *DEAD_RECKONING, NO_RATE
+"""Hypotheses under which the twist, only its velocity, or only its yaw rate is faulty."""
 
 # Components of the state: velocity at the mounting point of the IMU, yaw rate, biases of gyro and
 # accelerometer, relative error of the wheel radii, offset of the twist's yaw rate.
@@ -112,7 +116,7 @@ class BankConstants(NamedTuple):
         delay: latency of a twist that its stamp does not include [ns].
         twist_wait: limit on the time for which the filters wait for a late twist [ns].
         longest: limit on the time step; after a longer step the filters are initialized again [s].
-        prior: probabilities of the hypotheses [1], shape (6,).
+        prior: probabilities of the hypotheses [1], shape (8,).
         initial: standard deviations of the states at the start, in the units of the states, shape
             (8,).
         nothing: initial record of the memory, which is copied for a reset, shape (1,).
@@ -169,10 +173,10 @@ class BankMemory(NamedTuple):
     """State of the filter bank between two steps.
 
     Attributes:
-        state: state of each filter, columns `U_X` to `OFFSET`, shape (5, 8).
-        covariance: covariance of each filter, shape (5, 8, 8).
-        posterior: log probabilities of the hypotheses, shape (6,).
-        evidence: log likelihood of the readings of a step under each hypothesis, shape (6,).
+        state: state of each filter, columns `U_X` to `OFFSET`, shape (7, 8).
+        covariance: covariance of each filter, shape (7, 8, 8).
+        posterior: log probabilities of the hypotheses, shape (8,).
+        evidence: log likelihood of the readings of a step under each hypothesis, shape (8,).
         record: stamps and flags, a record of `BANK`, shape (1,).
         released: time for which each brake has been released [s], shape (N,).
         rim: last speed of each rim along the active direction [m/s], shape (N,).
@@ -188,12 +192,12 @@ class BankMemory(NamedTuple):
         most: largest torque of each brake since the slip is constant, as a share of the largest
             possible torque [1], shape (N,).
         faulty: probability under each hypothesis that the encoder of a wheel is faulty [1],
-            shape (6, N); 0 under NO_ESTIMATE.
+            shape (8, N); 0 under NO_ESTIMATE.
         wheel_ratio: test ratio of each wheel, NaN while it slides [1], shape (N,).
         ratio: test ratios of velocity and yaw rate of the twist in the filter of all sources,
             shape (2,).
-        loss: speed of each of the 5 filters after each of the last steps [m/s], and the times of
-            these steps [ns] in the last column, shape (11, 6).
+        loss: speed of each of the 7 filters after each of the last steps [m/s], and the times of
+            these steps [ns] in the last column, shape (11, 8).
         rows: readings of the past steps, a ring buffer; each row contains pedal, yaw rate,
             specific force (x, y), N wheel speeds and N enables, shape (64, 4 + 2 N).
         stamps: stamps of these readings [ns], shape (64,).
@@ -255,7 +259,7 @@ def bank_constants(
         delay=round(configuration.feedback_delay * 1e9),
         twist_wait=round((configuration.feedback_delay + configuration.feedback_timeout) * 1e9),
         longest=configuration.maximum_time_step,
-        prior=np.array([1.0 - 3.0 * PRIOR - 2.0 * PRIOR**2, *[PRIOR] * 3, *[PRIOR**2] * 2]),
+        prior=np.array([1.0 - 5.0 * PRIOR - 2.0 * PRIOR**2, *[PRIOR] * 5, *[PRIOR**2] * 2]),
         initial=np.array([10.0, 10.0, 10.0, 0.01, 0.3, 0.3, 0.015, 0.03]),
         nothing=np.zeros(1, BANK),
         rate_deviation=configuration.maximum_yaw_rate_deviation,

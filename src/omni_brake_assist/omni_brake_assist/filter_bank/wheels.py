@@ -27,7 +27,6 @@ _GAIN, _IDLE, _HELD = 0.1, 0.05, 0.08
 # Width of the range of readings of a faulty encoder: the width at standstill [m/s], and the
 # increase of the width per vehicle speed [1].
 _SPEED_RANGE, _SPEED_SHARE = 10.0, 2.0
-_EDGE = math.sqrt(GATE) * bank.WHEEL  # tolerance of the range of sliding speeds [m/s]
 # Standard deviation of a driven wheel's slip (share of the vehicle's speed) per specific force:
 # 0.01 times sqrt(40), because the slip is constant over about 40 steps [s^2/m].
 _SLIP = 0.063
@@ -70,10 +69,10 @@ def fuse_wheels(
     """Correct all filters with the speeds of the wheels that roll.
 
     A reading is modeled as a mixture of four cases: the wheel rolls; the wheel slides; the wheel is
-    locked, which is possible only while the vehicle brakes; or the encoder is faulty. The rim of a
-    sliding wheel moves at most as fast as in rolling, or slightly faster while the tire springs
-    back after a release. Its lowest speed follows from its largest slip. Each hypothesis assumes
-    that at most one encoder is faulty.
+    locked, which is possible only while the vehicle brakes; or the encoder is faulty. The speed
+    of a sliding rim is uniformly distributed: at most as fast as in rolling, or slightly faster
+    while the tire springs back after a release, and at least as fast as with the largest slip. Each
+    hypothesis assumes that at most one encoder is faulty.
 
     Args:
         constants: constants of the vehicle.
@@ -88,7 +87,7 @@ def fuse_wheels(
     released, rolling, braking = False, False, pedal > 0.0
     span = _SPEED_RANGE + _SPEED_SHARE * math.hypot(record.twist_x, record.twist_y)
     # Without an estimate, encoders are as probably faulty as under the best hypothesis.
-    best = min(record.best, bank.NO_TWIST)
+    best = min(record.best, bank.NO_IMU)
     for i in range(speeds.size):
         rim = constants.roll[i] * speeds[i]
         change = rim - memory.rim[i]
@@ -193,7 +192,7 @@ def _largest_slip(
         load: brake command of the wheel as a share of the largest torque, 0 while its brake is
             released [1].
     """
-    state, rim = memory.state[min(memory.record[0].best, bank.NO_TWIST)], abs(memory.rim[i])
+    state, rim = memory.state[min(memory.record[0].best, bank.NO_IMU)], abs(memory.rim[i])
     ground = constants.n_x[i] * state[U_X] + constants.n_y[i] * state[U_Y]
     ground = abs(ground + constants.lever[i] * state[RATE]) * (1.0 + state[SCALE])
     if load == 0.0 or rim < _GAIN or abs(rim - memory.share[i] * ground) > _GAIN:
@@ -224,16 +223,18 @@ def _fuse_wheel(
     factor = 1.0 + state[SCALE]
     h[:] = 0.0
     h[U_X], h[U_Y], h[RATE], h[SCALE] = factor * n_x, factor * n_y, factor * lever, ground
-    variance = own + (bank.SHARE * ground) ** 2
-    predicted = variance_along(memory.covariance[k], h)
+    reading = (bank.SHARE * ground) ** 2
+    variance, predicted = own + reading, variance_along(memory.covariance[k], h)
     total = variance + predicted
     innovation = rim - factor * ground
     squared = innovation**2 / total
     rolling = rolls * math.exp(-0.5 * min(squared, GATE)) / math.sqrt(2.0 * math.pi * total)
-    edge = _EDGE + math.sqrt(predicted)
-    fast, turns = (ground, rim) if ground >= 0.0 else (-ground, -rim)
-    least, most = fast * (1.0 - limit) - edge, fast + edge + excess
-    sliding = locked + (slides / (most - least) if least <= turns <= most else 0.0)
+    # The speed of a sliding rim is uniformly distributed, plus the errors of reading and state.
+    behind = excess - (innovation if ground >= 0.0 else -innovation)
+    width = max(abs(factor * ground) * limit + excess, bank.WHEEL)
+    spread = math.sqrt(2.0 * (bank.WHEEL**2 + reading + predicted))
+    inside = math.erf(behind / spread) - math.erf((behind - width) / spread)
+    sliding = locked + slides * 0.5 * inside / width
     possible, weight = rolling + sliding, constants.wheel_weight
     faulty = memory.faulty[k, i]
     for other in memory.faulty[k]:
@@ -249,7 +250,7 @@ def _fuse_wheel(
         first = SCALE if memory.record[0].received else bank.BIAS_RATE
         correct(memory, k, innovation, variance, (first, SCALE))
     # A reading that sliding could explain is no evidence that the encoder works.
-    return rolling + min(sliding, 1.0 / span)
+    return float(rolling + min(sliding, 1.0 / span))
 
 
 @lean
