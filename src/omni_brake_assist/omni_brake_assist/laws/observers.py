@@ -123,8 +123,8 @@ def observe_body(law: Constants, memory: Memory, motion: Motion) -> None:
     a_x = (motion.v_x - body.twist[0]) / dt - motion.yaw_rate * motion.v_y
     a_y = (motion.v_y - body.twist[1]) / dt + motion.yaw_rate * motion.v_x
     share = 1.0 - math.exp(-dt / (CASCADE * law.observer_time))
-    change = math.hypot(a_x, a_y)
-    body.mass += share * (math.hypot(f_x, f_y) - body.mass * change) / (change + GRAVITY)
+    a = math.hypot(a_x, a_y)
+    body.mass += share * body.responded * (math.hypot(f_x, f_y) - body.mass * a) / (a + GRAVITY)
     turned = (motion.yaw_rate - body.twist[2]) / dt - moment / (body.mass * law.gyration**2)
     body.yaw_disturbance += share * (turned - body.yaw_disturbance)
     pushed = (a_x - f_x / body.mass) * motion.across_x + (a_y - f_y / body.mass) * motion.across_y

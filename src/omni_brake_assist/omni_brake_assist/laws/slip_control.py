@@ -22,8 +22,9 @@ from omni_brake_assist.laws.law import Motion
 from omni_platform.kernels import lean
 from omni_platform.quantities import FloatArray
 
-# Lower limit of the enable of the proportional brake with the largest demanded share [1]. It hardly
-# brakes the wheel. Without it, the assistant would put all brakes on when the law releases all.
+# Lower limit of the enable of the proportional brake with the largest demanded share [1], unless a
+# step of the brake is larger. Without it, the assistant would put all brakes on if the law released
+# all of them.
 _LEAST_ENABLE = 1e-3
 
 
@@ -70,4 +71,4 @@ def control_slip(law: Constants, memory: Memory, motion: Motion, enable: FloatAr
         for i in range(enable.size):
             enable[i] = (pattern >> i) & 1
     else:
-        enable[largest] = max(enable[largest], _LEAST_ENABLE)
+        enable[largest] = max(enable[largest], law.brake.pressure_step, _LEAST_ENABLE)

@@ -176,11 +176,24 @@ def test_the_mass_estimate_approaches_force_over_acceleration(mecanum: Wheels, m
     wheel["sign"], wheel["measured"] = 1.0, 1000.0
     slowing = math.hypot(*(wheel["measured"] @ law.active)[:2]) / mass
     body["mass"], body["dt"], body["twist"][0] = law.mass, dt, 5.0
-    for _ in range(400):
+    for step in range(500):
+        body["responded"] = step >= 100
         v_x = body["twist"][0] - slowing * dt
         observe_body(law, memory, Motion(False, dt, v_x, 0.0, 0.0, 0.0, 1.0, 1.0, np.zeros(4)))
         body["twist"][0] = v_x
+        assert step >= 100 or body["mass"] == law.mass  # before the response, it is constant
     assert body["mass"] == pytest.approx(mass, rel=0.05)
+
+
+def test_a_coarse_brake_remains_on_by_at_least_one_step(mecanum: Wheels) -> None:
+    law, memory = _law(mecanum)
+    law = law._replace(brake=law.brake._replace(pressure_step=0.1))
+    enable, motion = np.zeros(4), _motion(1.0, 0.0, 4, first=True)
+    allocation.step(law, memory, motion, np.zeros(4), enable)
+    memory.qp.solution[:4] = 0.3, 0.4, 0.3, 0.3
+    memory.wheel["force"] = memory.wheel["capacity"]
+    control_slip(law, memory, motion, enable)
+    assert enable == pytest.approx([0.0, 0.1, 0.0, 0.0])
 
 
 @pytest.mark.parametrize(
