@@ -30,7 +30,8 @@ class AllocationConfiguration(Configuration):
     error also depend on it"""
     observer_time: float = parameter(0.025, unit="s", minimum=0.001, maximum=1.0)
     """Time constant of the friction observer. The time constants of all other loops are multiples
-    of this value: slip control 0.5, disturbances 2, mass and return of the heading at least 4"""
+    of this value: slip control 0.5, disturbances 2, mass at least 2, return of the heading at
+    least 4"""
     relaxation_speed: float = parameter(3.0, unit="m/s", minimum=0.0, maximum=100.0)
     """Sliding speed that slip control adds to the set-point until the tire has deflected (tire
     relaxation)"""

@@ -7,9 +7,9 @@ friction capacity. The estimated capacity is raised if a wheel uses all of it wi
 forces and the motion of the body give the vehicle's mass and the accelerations that friction does
 not explain.
 
-Three loops form a cascade. From the inside out, these are the friction observer, the disturbance
-observer, and the mass estimate together with the return of the heading (`braking_qp`). Each loop is
-half as fast as the next inner loop.
+Three loops form a cascade. From the inside out, these are the friction observer, the observer of
+disturbances and mass, and the return of the heading (`braking_qp`). Each loop is half as fast as
+the next inner loop.
 """
 
 import math
@@ -124,7 +124,8 @@ def observe_body(law: Constants, memory: Memory, motion: Motion) -> None:
     a_y = (motion.v_y - body.twist[1]) / dt + motion.yaw_rate * motion.v_x
     share = 1.0 - math.exp(-dt / (CASCADE * law.observer_time))
     a = math.hypot(a_x, a_y)
-    body.mass += share * body.responded * (math.hypot(f_x, f_y) - body.mass * a) / (a + GRAVITY)
+    gain = body.responded * dt / law.observer_time / (a + GRAVITY)
+    body.mass += gain * (math.hypot(f_x, f_y) - body.mass * a)
     turned = (motion.yaw_rate - body.twist[2]) / dt - moment / (body.mass * law.gyration**2)
     body.yaw_disturbance += share * (turned - body.yaw_disturbance)
     pushed = (a_x - f_x / body.mass) * motion.across_x + (a_y - f_y / body.mass) * motion.across_y

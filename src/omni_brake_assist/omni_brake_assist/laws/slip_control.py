@@ -38,9 +38,9 @@ def control_slip(law: Constants, memory: Memory, motion: Motion, enable: FloatAr
     """
     body, share, valves = memory.body[0], memory.qp.solution, law.brake.pressure_step >= 1.0
     times, delay = (body.dt, law.observer_time), body.dead_time / body.dt
-    fixed = largest = 0  # pattern of the fixed wheels, and wheel with the largest demanded share
+    # Pattern of the fixed wheels, and the wheel with the largest demanded share.
+    fixed, largest = 0, share[: enable.size].argmax()
     for i, wheel in enumerate(memory.wheel):
-        largest = i if share[i] > share[largest] else largest
         enable[i], memory.forces[0, i], memory.forces[1, i] = 1.0, share[i], share[i]
         if wheel.fixed:
             fixed |= 1 << i
