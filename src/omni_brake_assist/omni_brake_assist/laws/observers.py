@@ -124,7 +124,7 @@ def observe_body(law: Constants, memory: Memory, motion: Motion) -> None:
     a_y = (motion.v_y - body.twist[1]) / dt + motion.yaw_rate * motion.v_x
     share = 1.0 - math.exp(-dt / (CASCADE * law.observer_time))
     a = math.hypot(a_x, a_y)
-    gain = body.responded * dt / law.observer_time / (a + GRAVITY)
+    gain = body.responded * (1.0 - math.exp(-dt / law.observer_time)) / (a + GRAVITY)
     body.mass += gain * (math.hypot(f_x, f_y) - body.mass * a)
     turned = (motion.yaw_rate - body.twist[2]) / dt - moment / (body.mass * law.gyration**2)
     body.yaw_disturbance += share * (turned - body.yaw_disturbance)
