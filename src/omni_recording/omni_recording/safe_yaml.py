@@ -1,4 +1,4 @@
-"""Fast reading of YAML from files of unknown origin."""
+"""Fast reading of YAML from files of unknown origin, and fast writing."""
 
 from typing import Any
 
@@ -57,3 +57,8 @@ class SafeLoader(yaml.composer.Composer, yaml.CSafeLoader):
         except _UNFIT:
             problem = f"a value does not fit its tag {node.tag}"
             raise yaml.constructor.ConstructorError(None, None, problem, node.start_mark) from None
+
+
+def in_yaml(document: Any) -> str:
+    """Return a document as YAML, with all keys in their order."""
+    return str(yaml.dump(document, Dumper=yaml.CSafeDumper, sort_keys=False))

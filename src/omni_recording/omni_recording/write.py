@@ -17,11 +17,11 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-import yaml
 from mcap.writer import CompressionType, IndexType, Writer
 
 from omni_platform.configuration import WorkError
 from omni_recording import metadata
+from omni_recording.safe_yaml import in_yaml
 
 COMPRESSIONS = {
     "none": CompressionType.NONE,
@@ -34,9 +34,6 @@ COMPRESSIONS = {
 _END_WITHOUT_SUMMARY = (
     struct.pack("<BQI", 0x0F, 4, 0) + struct.pack("<BQQQI", 0x02, 20, 0, 0, 0) + b"\x89MCAP0\r\n"
 )
-
-
-_Dumper = getattr(yaml, "CSafeDumper", yaml.SafeDumper)  # same text, but faster
 
 
 class RecordingError(WorkError):
@@ -160,7 +157,7 @@ class Rosbag2Writer:
         if self._closed:
             return
         with self._ending_on_failure():
-            information = _in_yaml(self._information())
+            information = in_yaml(self._information())
             self._writer.add_metadata("rosbag2", {"serialized_metadata": information})
             self._writer.finish()
             # Closing is the last chance to notice a full disk, so it is done before writing the
@@ -198,7 +195,7 @@ class Rosbag2Writer:
                 metadata.SERIALIZATION,
                 schemas[definition.type_name],
                 {
-                    "offered_qos_profiles": _in_yaml(metadata.qos_information(topic.qos)).strip(),
+                    "offered_qos_profiles": in_yaml(metadata.qos_information(topic.qos)).strip(),
                     "topic_type_hash": definition.type_hash,
                 },
             )
@@ -257,7 +254,7 @@ class Rosbag2Writer:
         temporary = self._folder / "metadata.yaml.tmp"
         try:
             with temporary.open("w", encoding="utf-8") as file:
-                file.write(_in_yaml({"rosbag2_bagfile_information": self._information()}))
+                file.write(in_yaml({"rosbag2_bagfile_information": self._information()}))
                 file.flush()
                 self._synchronize_file(file.fileno())
             temporary.replace(self._folder / "metadata.yaml")
@@ -276,8 +273,3 @@ class Rosbag2Writer:
 
     def _information(self) -> dict[str, Any]:
         return metadata.bag_information(self._file_name, self._topics, self._safe)
-
-
-def _in_yaml(document: Any) -> str:
-    text: str = yaml.dump(document, Dumper=_Dumper, sort_keys=False)
-    return text

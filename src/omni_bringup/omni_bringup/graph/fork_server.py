@@ -12,6 +12,7 @@ import ctypes
 import functools
 import gc
 import importlib
+import inspect
 import json
 import os
 import socket
@@ -31,6 +32,7 @@ _LIBC = ctypes.CDLL(None)
 _PR_SET_NAME, _PR_SET_CHILD_SUBREAPER = 15, 36  # <linux/prctl.h>
 _LONGEST_REQUEST = 1 << 20  # bytes; requests with their environments are shorter
 _COMMAND_LENGTH = 2000  # bytes reserved for the command that `ps` shows
+_IMPORTED_LATE = ("numpy.ma", "rosbags.typesys.stores.ros2_jazzy")  # by nodes in their work
 # Variables that Python reads only at its start: if they differ, a node is not forked.
 _READ_AT_START = ("LD_LIBRARY_PATH", "NUMBA_CACHE_DIR", "PYTHONPATH")
 
@@ -86,9 +88,10 @@ def _adopting_orphans() -> Iterator[None]:
 def serve(connection: socket.socket) -> None:
     """Serve as the fork server: start the requested programs until the requesting process ends."""
     before = dict(os.environ)
-    for entry in entry_points(group=NODES):
+    for name in (*(entry.module for entry in entry_points(group=NODES)), *_IMPORTED_LATE):
         with contextlib.suppress(Exception):  # the node itself reports the error
-            importlib.import_module(entry.module)
+            importlib.import_module(name)
+    inspect.getframeinfo(sys._getframe())  # finds the files of all modules, as the first log does
     gc.freeze()
     while True:
         data, descriptors, _, _ = socket.recv_fds(connection, _LONGEST_REQUEST, 4)

@@ -5,20 +5,18 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from omni_brake_assist.configuration import LAWS
 from omni_bringup.graph import process_group
 from omni_loop.experiment import ExperimentConfiguration
 from omni_platform import topics
 from omni_platform.configuration import Configuration
+from omni_recording.safe_yaml import in_yaml
 from omni_ros.flat_parameters import flatten
 from omni_sim.configuration import SimulatorConfiguration
 
 _SHARED = (topics.CLOCK.path, topics.DIAGNOSTICS.path)
 _IMU = "imu"  # frame ID of the IMU's messages
 PLAIN: Mapping[str, Any] = {}  # parameters of the recorder
-_Dumper = getattr(yaml, "CSafeDumper", yaml.SafeDumper)  # same text, but faster
 _RECORDER = 1  # number of subscriptions that the recorder adds to each topic
 
 
@@ -267,6 +265,4 @@ def values_of(
 
 def parameters_text(parameters: Mapping[str, Any]) -> str:
     """Return the text of a parameter file that applies to a node of any name and namespace."""
-    document = {"/**": {"ros__parameters": dict(parameters)}}
-    text: str = yaml.dump(document, Dumper=_Dumper, sort_keys=False)
-    return text
+    return in_yaml({"/**": {"ros__parameters": dict(parameters)}})

@@ -9,12 +9,12 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-import yaml
 from mcap.writer import MCAP0_MAGIC
 
 from omni_bringup.command_report import write_text
 from omni_loop.experiment import ExperimentConfiguration
 from omni_platform.configuration import ConfigurationError, to_mapping
+from omni_recording.safe_yaml import in_yaml
 
 CONFIGURATION = "configuration.yaml"
 VERSIONS = "versions.yaml"
@@ -58,8 +58,8 @@ def time_in_name() -> str:
 
 def write_configuration(configuration: ExperimentConfiguration, folder: Path) -> None:
     """Save the effective configuration (including the seed) and the software versions."""
-    write_text(folder / CONFIGURATION, yaml.safe_dump(to_mapping(configuration), sort_keys=False))
-    write_text(folder / VERSIONS, yaml.safe_dump(versions(), sort_keys=False))
+    write_text(folder / CONFIGURATION, in_yaml(to_mapping(configuration)))
+    write_text(folder / VERSIONS, in_yaml(versions()))
 
 
 def write_summary(document: Mapping[str, Any], folder: Path) -> None:
