@@ -22,7 +22,7 @@ from omni_brake_assist.configuration import BrakeAssistConfiguration
 from omni_brake_assist.laws.allocation_state import BODY, GRAVITY, WHEEL, Constants, Memory
 from omni_brake_assist.laws.braking_qp import allocate, new_qp
 from omni_brake_assist.laws.law import ASSIST, NO_HELP, Motion
-from omni_brake_assist.laws.observers import observe_body, observe_friction, observe_wheels
+from omni_brake_assist.laws.observers import observe
 from omni_brake_assist.laws.slip_control import control_slip
 from omni_brake_assist.laws.wheel_model import QUEUE, NominalBrake
 from omni_platform.geometry import PlatformGeometry
@@ -74,11 +74,8 @@ def step(
         body.mass = law.mass
         memory.sent[:] = memory.qp.solution[:] = wheel["brake"][:] = wheel["force"][:] = 0.0
         wheel["capacity"][:] = law.mass * GRAVITY / wheel.size
-    if 2 * observe_wheels(law, memory, motion, error) < wheel.size or motion.pedal <= 0.0:
+    if not observe(law, memory, motion, error) or motion.pedal <= 0.0:
         return NO_HELP
-    if body.steps > 0:
-        observe_friction(law, memory)
-        observe_body(law, memory, motion)
     allocate(law, memory, motion)
     control_slip(law, memory, motion, enable)
     for i in range(enable.size):  # the upper bound of a share is 0 for a failed brake, otherwise 1

@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 from omni_brake_assist.configuration import LAWS, MOST_VALVES, BrakeAssistConfiguration
 from omni_brake_assist.laws import allocation, allocation_state, sliding_mode
-from omni_brake_assist.laws.law import HELD, NO_HELP, NO_WHEEL, Motion, is_new
+from omni_brake_assist.laws.law import HELD, NO_HELP, NO_WHEEL, Motion
 from omni_platform.geometry import PlatformGeometry
 from omni_platform.kernels import lean
 from omni_platform.quantities import FloatArray
@@ -51,13 +51,13 @@ def step(
     error: FloatArray,
     enable: FloatArray,
 ) -> int:
-    """Call the chosen law and return its result; HELD if `is_new` is false for the motion.
+    """Call the chosen law and return its result; HELD if the stamp of the motion is not new.
 
     The arguments `motion`, `error` and `enable` are those of `Law.step`. After a brake has failed,
     `allocation` controls the rest of the stop with the working brakes if `LawConstants.replans` is
     true; otherwise the result is NO_HELP.
     """
-    if not is_new(motion):
+    if not (motion.first or motion.dt > 0.0):
         return HELD
     failed = motion.failed_brake != NO_WHEEL
     if failed and not laws.replans:

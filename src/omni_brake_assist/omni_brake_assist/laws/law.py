@@ -54,12 +54,6 @@ class Motion(NamedTuple):
     failed_brake: int = NO_WHEEL
 
 
-@lean
-def is_new(motion: Motion) -> bool:
-    """Return whether a law must be called: this is its first step, or the stamp is new."""
-    return bool(motion.first or motion.dt > 0.0)
-
-
 class Law(Protocol):
     """A control law, created from a `BrakeAssistConfiguration` and a `PlatformGeometry`."""
 
@@ -100,7 +94,7 @@ def call_law(
     to standard error, with the lines of the law's file at which the error occurred. It also prints
     a sentence when the law releases every wheel for the first time.
     """
-    if not is_new(motion):
+    if not (motion.first or motion.dt > 0.0):
         return HELD, ""
     try:
         answer = law.step(motion, error, enable)

@@ -26,17 +26,28 @@ _LEAST_CAPACITY = 1.0  # lower limit, so that shares of the capacity are defined
 
 
 @lean
-def observe_wheels(law: Constants, memory: Memory, motion: Motion, error: FloatArray) -> float:
-    """Update motion and nominal brake force of each wheel; estimate the brakes' dead time.
-
-    The estimated dead time increases while the wheels lose much less speed than the nominal torque
-    predicts. During the dead time, the brakes are assumed to exert no force.
+def observe(law: Constants, memory: Memory, motion: Motion, error: FloatArray) -> bool:
+    """Update all estimates; return whether the speeds of at least half of the wheels are known.
 
     Args:
         law: constants of the law.
         memory: memory of the law.
         motion: motion of the vehicle and its wheels.
         error: output, error of each wheel [m/s] as defined in `allocation.step`, shape (N,).
+    """
+    enough = 2 * _observe_wheels(law, memory, motion, error) >= memory.wheel.size
+    if enough and memory.body[0].steps > 0:
+        observe_friction(law, memory)
+        observe_body(law, memory, motion)
+    return enough
+
+
+@lean
+def _observe_wheels(law: Constants, memory: Memory, motion: Motion, error: FloatArray) -> float:
+    """Update motion and nominal brake force of each wheel; estimate the brakes' dead time.
+
+    The estimated dead time increases while the wheels lose much less speed than the nominal torque
+    predicts. During the dead time, the brakes are assumed to exert no force.
 
     Returns:
         Number of wheels with a speed reading.
@@ -58,7 +69,7 @@ def observe_wheels(law: Constants, memory: Memory, motion: Motion, error: FloatA
         wheel.speed = max(wheel.sign * rolled, 0.0) if wheel.known else wheel.hub
         error[i] = wheel.hub - (1.0 + law.target_slip[i]) * wheel.speed
         command = law.most[i] * command_at(memory.sent, body.steps - 1, body.dead_time / body.dt, i)
-        wheel.brake, _ = lagged(law.brake, wheel.brake, command, body.dt)
+        wheel.brake = lagged(law.brake, wheel.brake, command, body.dt)
         if wheel.known and not body.responded:
             model = BrakedWheel(wheel.capacity, law.target_slip[i], law.wheel_mass[i], wheel.hub)
             after, _ = advance_rim(model, wheel.last_speed, wheel.brake, body.dt)

@@ -50,20 +50,6 @@ class BrakedWheel(NamedTuple):
     hub: float
 
 
-class Rim(NamedTuple):
-    """State of the rim of a braked wheel.
-
-    Attributes:
-        speed: speed of the rim in the direction in which it rolls [m/s], at least 0.
-        brake: brake force [N].
-        force: low-passed friction force [N].
-    """
-
-    speed: float
-    brake: float
-    force: float
-
-
 @lean
 def command_at(sent: FloatArray, newest: int, delay: float, i: int) -> float:
     """Return the command to brake `i` at a time in the past, in the unit of `sent`.
@@ -81,8 +67,8 @@ def command_at(sent: FloatArray, newest: int, delay: float, i: int) -> float:
 
 
 @lean
-def lagged(brake: NominalBrake, force: float, command: float, dt: float) -> tuple[float, float]:
-    """Return the force of a brake with lag after one step, and its mean over the step [N].
+def lagged(brake: NominalBrake, force: float, command: float, dt: float) -> float:
+    """Return the force of a brake with lag after one step [N].
 
     Args:
         brake: nominal lag of the brake; only its time constant is used.
@@ -91,25 +77,8 @@ def lagged(brake: NominalBrake, force: float, command: float, dt: float) -> tupl
         dt: length of the step [s].
     """
     if brake.time_constant <= 0.0:
-        return command, command
-    ratio = dt / brake.time_constant
-    after = command + (force - command) * math.exp(-ratio)
-    return after, command + (force - after) / ratio
-
-
-@lean
-def command_for(brake: NominalBrake, force: float, wanted: float, dt: float) -> float:
-    """Return the command with which a brake reaches a wanted force after one step [N].
-
-    Args:
-        brake: nominal lag of the brake; only its time constant is used.
-        force: brake force before the step [N].
-        wanted: brake force after the step [N].
-        dt: length of the step [s].
-    """
-    if brake.time_constant <= 0.0:
-        return wanted
-    return force - (wanted - force) / math.expm1(-dt / brake.time_constant)
+        return command
+    return command + (force - command) * math.exp(-(dt / brake.time_constant))
 
 
 @lean
@@ -140,38 +109,3 @@ def advance_rim(wheel: BrakedWheel, speed: float, brake: float, dt: float) -> tu
     if share >= 1.0:  # it rolls faster than its hub
         return max(speed - brake / inertia, 0.0), 0.0
     return peak + share * (hub - peak), capacity * (1.0 - share * share)
-
-
-@lean
-def advance(
-    brake: NominalBrake, wheel: BrakedWheel, rim: Rim, command: float, dt: float, time: float
-) -> Rim:
-    """Return brake force, rim speed and low-passed friction force after one step.
-
-    Args:
-        brake: nominal lag of the brake; only its time constant is used.
-        wheel: assumed properties of the wheel.
-        rim: state before the step.
-        command: commanded brake force [N].
-        dt: length of the step [s].
-        time: time constant of the low-pass [s].
-    """
-    after, mean = lagged(brake, rim.brake, command, dt)
-    speed, force = advance_rim(wheel, rim.speed, mean, dt)
-    return Rim(speed, after, force + (rim.force - force) * math.exp(-dt / time))
-
-
-@lean
-def predict_share(
-    brake: NominalBrake, wheel: BrakedWheel, rim: Rim, command: float, dt: float, time: float
-) -> float:
-    """Return the friction force after `command` has acted for one period [1].
-
-    The force is a share of the capacity. For a brake with a lag, the prediction continues for one
-    time constant with a command of 0. The predicted force is low-passed like the measured force. If
-    the force alternates from one period to the next, its mean is therefore returned. The arguments
-    are those of `advance`.
-    """
-    for _ in range(1 + math.ceil(brake.time_constant / dt - 1e-9)):
-        rim, command = advance(brake, wheel, rim, command, dt, time), 0.0
-    return rim.force / wheel.capacity

@@ -13,14 +13,8 @@ from omni_brake_assist.laws.box_least_squares import box_least_squares, new_box
 from omni_brake_assist.laws.braking_qp import SIDE, allocate
 from omni_brake_assist.laws.law import ASSIST, NO_HELP, Motion
 from omni_brake_assist.laws.observers import observe_body, observe_friction
-from omni_brake_assist.laws.slip_control import control_slip
-from omni_brake_assist.laws.wheel_model import (
-    BrakedWheel,
-    NominalBrake,
-    advance_rim,
-    command_for,
-    lagged,
-)
+from omni_brake_assist.laws.slip_control import Rim, advance, command_for, control_slip
+from omni_brake_assist.laws.wheel_model import BrakedWheel, NominalBrake, advance_rim, lagged
 from omni_platform.brakes import ON_OFF, PROPORTIONAL, BrakeConfiguration
 from omni_platform.geometry import PlatformGeometry, WheelMount
 
@@ -52,19 +46,19 @@ def test_bounded_least_squares_are_those_of_scipy(wheels: int) -> None:
 
 def test_a_brake_with_lag_delivers_its_impulse() -> None:
     brake = NominalBrake(dead_time=0.0, time_constant=0.05, pressure_step=0.0)
-    force, impulse = 0.0, 0.0
+    wheel = BrakedWheel(capacity=0.0, peak_slip=0.15, mass=25.0, hub=1e-6)  # without friction
+    rim = Rim(speed=1000.0, brake=0.0, force=0.0)
     for _ in range(200):
-        force, mean = lagged(brake, force, 600.0, 0.01)
-        impulse += mean * 0.01
-    assert force == pytest.approx(600.0)
-    assert impulse == pytest.approx(600.0 * (2.0 - 0.05), rel=1e-6)
+        rim = advance(brake, wheel, rim, 600.0, 0.01, 0.01)
+    assert rim.brake == pytest.approx(600.0)
+    assert 25.0 * (1000.0 - rim.speed) == pytest.approx(600.0 * (2.0 - 0.05), rel=1e-6)
 
 
 @pytest.mark.parametrize("time_constant", [0.0, 0.05])
 def test_a_command_found_for_a_force_yields_this_force(time_constant: float) -> None:
     brake = NominalBrake(dead_time=0.0, time_constant=time_constant, pressure_step=0.0)
     command = command_for(brake, 200.0, 600.0, 0.01)
-    assert lagged(brake, 200.0, command, 0.01)[0] == pytest.approx(600.0)
+    assert lagged(brake, 200.0, command, 0.01) == pytest.approx(600.0)
 
 
 def test_a_braked_wheel_settles_where_friction_balances_the_brake() -> None:

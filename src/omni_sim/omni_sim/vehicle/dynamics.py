@@ -34,7 +34,7 @@ from omni_sim.vehicle.state import Energies, Step
 from omni_sim.vehicle.suspension import sprung_loads
 from omni_sim.vehicle.uneven_ground import frame_turn, level, stand
 from omni_sim.wheel.brake_pressure import press, set_demand
-from omni_sim.wheel.drivetrain import Drive, Hub, Spin, limited, ramped_speed, wheel_step
+from omni_sim.wheel.drivetrain import Drive, Hub, Spin, wheel_step
 from omni_sim.wheel.passive_losses import passive_force
 from omni_sim.wheel.single import Patch, TireConstants
 
@@ -364,12 +364,12 @@ def _step_wheels(
         torque = plant.brake_share[i] * brake[i]
         ramped = plant.ramp[i] > 0.0 and step.drive_stiffness <= 0.0
         if ramped:
-            fall = plant.dt * plant.ramp[i] * torque
-            wheel.command = ramped_speed(wheel.command, omega, fall)
+            reduced = max(abs(wheel.command) - plant.dt * plant.ramp[i] * torque, 0.0)
+            wheel.command = math.copysign(reduced, wheel.command) if torque > 0.0 else omega
             stiffness = plant.drive_stiffness if torque > 0.0 else 0.0
-            limit = limited(plant.drive_limit, omega, plant.brake_power)
+            limit = _limited(plant.drive_limit, omega, plant.brake_power)
             drive = Drive(stiffness, wheel.command, limit)
-        torque = 0.0 if plant.ramp[i] > 0.0 else limited(torque, omega, plant.brake_power)
+        torque = 0.0 if plant.ramp[i] > 0.0 else _limited(torque, omega, plant.brake_power)
         if rollers is None:
             _step_wheel(state, step, i, torque, drive)
         else:
@@ -380,6 +380,15 @@ def _step_wheels(
         else:
             wheel.command = wheel.speed
         wheel.angle += 0.5 * plant.dt * (omega + wheel.speed)
+
+
+@lean_inline
+def _limited(torque: float, speed: float, power: float) -> float:
+    """Return a torque [N m], reduced if its power at a speed [rad/s] exceeds `power` [W].
+
+    The torque must not be negative.
+    """
+    return power / abs(speed) if torque * abs(speed) > power else torque
 
 
 @lean_inline

@@ -17,7 +17,6 @@ along a ramp. Like any speed controller, it also accelerates a wheel that is slo
 command, so it does not lock the wheel.
 """
 
-import math
 from typing import NamedTuple
 
 from omni_platform.kernels import lean_inline
@@ -87,29 +86,6 @@ class WheelStep(NamedTuple):
     brake: float
     patch_velocity: float
     sliding: bool
-
-
-@lean_inline
-def limited(torque: float, speed: float, power: float) -> float:
-    """Return a torque [N m], reduced if its power at a speed [rad/s] exceeds `power` [W].
-
-    The torque must not be negative.
-    """
-    return power / abs(speed) if torque * abs(speed) > power else torque
-
-
-@lean_inline
-def ramped_speed(command: float, speed: float, fall: float) -> float:
-    """Return the speed command of a velocity drive after a step [rad/s].
-
-    Args:
-        command: speed command before the step [rad/s].
-        speed: speed of the wheel [rad/s]; it is returned if the drive does not brake.
-        fall: decrease of the command in this step [rad/s]; 0 if the drive does not brake.
-    """
-    if fall <= 0.0:
-        return speed
-    return math.copysign(max(abs(command) - fall, 0.0), command)
 
 
 @lean_inline
