@@ -84,7 +84,7 @@ def progress_bar(name: str) -> Iterator[Progress]:
         Function to be called with the completed share (0 to 1) and a text on the progress.
     """
     if not sys.stderr.isatty():
-        yield progress_lines(name)
+        yield _progress_lines(name)
         return
     from rich.console import Console
     from rich.progress import Progress as Bar
@@ -123,22 +123,17 @@ def at_work(program: str, words: str, every: float = 5.0) -> Iterator[None]:
         thread.join()
 
 
-def progress_lines(
-    name: str, clock: Callable[[], float] = time.monotonic, period: float = 5.0
-) -> Progress:
-    """Return a function that prints progress lines at intervals, with the estimated time left.
+def _progress_lines(name: str) -> Progress:
+    """Return a function that prints a line with `name`, progress and estimated time left.
 
-    Args:
-        name: name at the beginning of each line.
-        clock: function that returns the time [s].
-        period: minimum interval [s]; later, the interval is at least a fifth of the elapsed time.
+    The interval between lines is at least 5 s and a fifth of the elapsed time.
     """
-    begun = last = clock()
+    begun = last = time.monotonic()
 
     def report(share: float, words: str) -> None:
         nonlocal last
-        now = clock()
-        if now - last < max(period, 0.2 * (last - begun)):
+        now = time.monotonic()
+        if now - last < max(5.0, 0.2 * (last - begun)):
             return
         last = now
         left = f", about {(now - begun) * (1.0 / share - 1.0):.0f} s left" if share > 0.01 else ""

@@ -31,18 +31,20 @@ _ODOMETRY: dict[str, Any] = {"color": style.BLACK, "linewidth": 0.9, "linestyle"
 _OWN_SCALE = "#FFF7DC"  # background of a panel that has its own scale
 
 Limits = tuple[float, float]
+_BEFORE = 0.3  # time that is shown before the start of braking [s]
+# A panel whose values span less than this share of the common scale gets its own scale [1].
+_OWN_SHARE = 0.125
+# A panel whose values span no more than this keeps the common scale [m/s] or [rad/s].
+_LEAST_SPAN = 1e-3
 
 
-def time_series(
-    histories: Mapping[str, RunHistory], *, title: str = "", before: float = 0.3
-) -> Figure:
+def time_series(histories: Mapping[str, RunHistory], *, title: str = "") -> Figure:
     """Draw velocities, errors and brake enables of every variant over time.
 
     Args:
         histories: time history of each variant's run, keyed by variant, in the order of the
             columns.
         title: title above the columns.
-        before: time that is shown before the start of braking [s].
 
     Raises:
         ValueError: there is no history.
@@ -67,7 +69,7 @@ def time_series(
         _draw_brakes(panels[3], history, wheels)
         for axes in panels if history.brake_start is not None else ():
             axes.axvline(0.0, color=style.BLACK, linestyle=":", linewidth=1.2)
-    _set_scales(columns, runs, before)
+    _set_scales(columns, runs, _BEFORE)
     _add_legends(columns[-1], wheels)
     return figure
 
@@ -135,11 +137,7 @@ def _set_scales(
 
 
 def _scale_row(
-    row: Sequence[Axes],
-    shown: Sequence[FloatArray],
-    noisy: Sequence[FloatArray],
-    share: float = 0.125,
-    least: float = 1e-3,
+    row: Sequence[Axes], shown: Sequence[FloatArray], noisy: Sequence[FloatArray]
 ) -> None:
     """Give all panels of a row a common scale, except for panels with much smaller values.
 
@@ -149,9 +147,6 @@ def _scale_row(
         row: panels of one quantity.
         shown: values of each panel, all of which are within its limits.
         noisy: values of each panel whose outliers may be cut off.
-        share: a panel whose values span less than this share of the common scale gets its own
-            scale [1].
-        least: a panel whose values span no more than this keeps the common scale [m/s] or [rad/s].
     """
     common = _limits(shown, noisy)
     whole = common[1] - common[0]
@@ -159,7 +154,7 @@ def _scale_row(
     for place, (axes, values) in enumerate(zip(row, shown, strict=True)):
         low, high = common
         known = np.append(values[np.isfinite(values)], 0.0)
-        if least < np.ptp(known) < share * whole:
+        if _LEAST_SPAN < np.ptp(known) < _OWN_SHARE * whole:
             low, high = _limits([values], noisy[place : place + 1])
             high += 0.15 * (high - low)  # room for the label of the scale
             axes.set_facecolor(_OWN_SCALE)

@@ -45,6 +45,11 @@ _TIME: dict[str, Any] = {
 _TRAIL: dict[str, Any] = {"label": "path of base_link", "color": style.BLACK, "linewidth": 1.2}
 _FIRST_LINE: dict[str, Any] = {"color": style.GRAY, "linewidth": 1.2, "linestyle": (0, (6, 3))}
 
+# Length of the velocity arrow at the highest speed, as a multiple of the chassis length.
+_ARROW_LENGTH = 0.9
+_ENTRIES = 7  # number of entries in a row of the legend
+_LABEL_SIZE = 9.0  # font size of the labels of snapshots [points]
+
 
 def draw_ground(axes: Axes, scene: Scene) -> None:
     """Shade the patches of different friction, each with its friction factor."""
@@ -191,17 +196,13 @@ class _View:
     inches_per_meter: float
 
 
-def top_view(
-    scene: Scene, histories: Mapping[str, RunHistory], *, title: str = "", arrow: float = 0.9
-) -> Figure:
+def top_view(scene: Scene, histories: Mapping[str, RunHistory], *, title: str = "") -> Figure:
     """Draw snapshots of every variant's braking from above.
 
     Args:
         scene: vehicle and ground.
         histories: time history of each variant's run, keyed by variant, in the order of the panels.
         title: title above the panels.
-        arrow: length of the velocity arrow at the highest speed, as a multiple of the chassis
-            length.
 
     Raises:
         ValueError: there is no history.
@@ -209,7 +210,7 @@ def top_view(
     if not histories:
         raise ValueError("a top view needs at least one history")
     greatest = max(_greatest_speed(h, slice(h.brake_start or 0, None)) for h in histories.values())
-    arrow_scale = arrow * scene.chassis_length / greatest if greatest > 0.0 else 0.0
+    arrow_scale = _ARROW_LENGTH * scene.chassis_length / greatest if greatest > 0.0 else 0.0
     snapshots = choose_snapshots(scene, histories, arrow_scale)
     fastest = max(_greatest_speed(h, list(snapshots[n].indices)) for n, h in histories.items())
     view = _choose_view(scene, histories, snapshots, arrow_scale)
@@ -276,13 +277,11 @@ def _choose_view(
     return _View(low - slack / 2.0, high + slack / 2.0, side_by_side, scale)
 
 
-def _lay_out(
-    view: _View, count: int, handles: Sequence[Any], title: str, entries: int = 7
-) -> tuple[Figure, Any]:
-    """Return a figure with equal panels and a legend of `entries` entries per row."""
+def _lay_out(view: _View, count: int, handles: Sequence[Any], title: str) -> tuple[Figure, Any]:
+    """Return a figure with equal panels and a legend of `_ENTRIES` entries per row."""
     width, height = (view.high - view.low) * view.inches_per_meter
     rows, columns = (1, count) if view.side_by_side else (count, 1)
-    legend = 0.25 * math.ceil(len(handles) / entries)
+    legend = 0.25 * math.ceil(len(handles) / _ENTRIES)
     total = rows * (height + (1.3 if view.side_by_side else 0.38)) + 1.1 + legend
     size = style.PAGE_WIDTH, total
     figure, grid = style.panels(
@@ -293,7 +292,7 @@ def _lay_out(
     for axes in grid.flat:
         axes.set_aspect("equal")
         axes.xaxis.set_major_locator(MaxNLocator(max(int(width * 1.2), 2), prune="both"))
-    figure.legend(handles=handles, loc="outside lower center", ncols=min(entries, len(handles)))
+    figure.legend(handles=handles, loc="outside lower center", ncols=min(_ENTRIES, len(handles)))
     return figure, grid.flat
 
 
@@ -308,11 +307,7 @@ def _panel_title(name: str, history: RunHistory, joint: str) -> str:
 
 
 def _label_snapshots(
-    axes: Axes,
-    covered: Sequence[Sequence[FloatArray]],
-    labels: Sequence[str],
-    view: _View,
-    points: float = 9.0,
+    axes: Axes, covered: Sequence[Sequence[FloatArray]], labels: Sequence[str], view: _View
 ) -> None:
     """Write each label next to its snapshot; omit a label for which there is no free place.
 
@@ -321,9 +316,8 @@ def _label_snapshots(
         covered: outlines of each snapshot in `odom` [m], the chassis first.
         labels: label of each snapshot.
         view: area that the axes show.
-        points: font size [points].
     """
-    line = points / 72.0 / view.inches_per_meter  # [m]
+    line = _LABEL_SIZE / 72.0 / view.inches_per_meter  # [m]
     outlines = [outline for snapshot in covered for outline in snapshot]
     taken: list[Bbox] = []
     for place in (len(labels) - 1, *range(len(labels) - 1)):  # last label first: it matters most
@@ -338,7 +332,7 @@ def _label_snapshots(
                 taken.append(box)
                 halo = [Stroke(linewidth=3, foreground="white"), Normal()]
                 x, y = center.tolist()
-                look: dict[str, Any] = {"fontsize": points, "path_effects": halo}
+                look: dict[str, Any] = {"fontsize": _LABEL_SIZE, "path_effects": halo}
                 axes.text(x, y, label, ha="center", va="center", zorder=20, **look)
                 break
 

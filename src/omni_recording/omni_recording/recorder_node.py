@@ -23,6 +23,10 @@ from omni_ros.environment import report
 from omni_ros.messages import message_class
 from omni_ros.qos import LATCHED, RELIABLE
 
+_LONGEST_WRITING = 5.0  # limit on the time for writing full queues to a slow disk [s]
+_LONGEST_WAIT = 1.0  # limit on the wait for messages in transit, even if publishers continue [s]
+_QUIET = 0.2  # time without a message after which no further messages are expected [s]
+
 
 class RecorderNode(Node):
     """Subscribes to the topics of a recording and writes their bytes into it."""
@@ -159,30 +163,21 @@ def _take_arrived(node: RecorderNode, spinner: process.Spinner, deadline: float)
         spinner.spin_once(0.0)
 
 
-def _drain(
-    node: RecorderNode,
-    spinner: process.Spinner,
-    longest: float = 5.0,
-    longest_wait: float = 1.0,
-    quiet: float = 0.2,
-) -> None:
+def _drain(node: RecorderNode, spinner: process.Spinner) -> None:
     """Store the messages that are still in the queues, so that the recording is complete.
 
     Args:
         node: the recorder.
         spinner: spinner, which runs the callbacks of received messages.
-        longest: limit on the time for writing full queues to a slow disk [s].
-        longest_wait: limit on the wait for messages in transit, even if publishers continue [s].
-        quiet: time without a message after which no further messages are expected [s].
     """
-    _take_arrived(node, spinner, time.monotonic() + longest)
-    deadline = time.monotonic() + longest_wait
-    quiet_end = time.monotonic() + quiet
+    _take_arrived(node, spinner, time.monotonic() + _LONGEST_WRITING)
+    deadline = time.monotonic() + _LONGEST_WAIT
+    quiet_end = time.monotonic() + _QUIET
     while time.monotonic() < min(deadline, quiet_end):
         before = node.received
         spinner.spin_once()
         if node.received != before:
-            quiet_end = time.monotonic() + quiet
+            quiet_end = time.monotonic() + _QUIET
 
 
 def _definition(kind: str) -> definitions.MessageDefinition:

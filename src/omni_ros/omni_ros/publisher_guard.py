@@ -8,6 +8,7 @@ from rclpy.publisher import Publisher
 from rclpy.subscription import Subscription
 
 _NAMELESS = "_NODE_NAMESPACE_UNKNOWN_/_NODE_NAME_UNKNOWN_"  # name of a new publisher's node in rcl
+_PERIOD = 0.1  # period of the checks [s]
 
 
 class PublisherGuard:
@@ -21,16 +22,12 @@ class PublisherGuard:
     """
 
     def __init__(
-        self,
-        node: Node,
-        subscribed: Sequence[Subscription],
-        published: Sequence[Publisher] = (),
-        period: float = 0.1,
+        self, node: Node, subscribed: Sequence[Subscription], published: Sequence[Publisher] = ()
     ) -> None:
-        self._node, self._period = node, period
+        self._node = node
         self._subscribed = subscribed
         self._published = published
-        self._looked = -period
+        self._looked = -_PERIOD
         self._rival: str | None = None
 
     def second(self) -> str | None:
@@ -39,7 +36,7 @@ class PublisherGuard:
             if subscription.get_publisher_count() > 1:
                 return self._sentence(subscription.topic_name)
         now = time.monotonic()
-        if now - self._looked >= self._period:
+        if now - self._looked >= _PERIOD:
             self._looked = now
             topics = (publisher.topic_name for publisher in self._published)
             rivals = (topic for topic in topics if self._node.count_publishers(topic) > 1)

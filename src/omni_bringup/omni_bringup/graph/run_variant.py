@@ -28,6 +28,8 @@ from omni_tools.limit.bounds import limit_share
 _HALTED = "{} was halted by a signal during the run, which makes the run invalid"
 
 Progress = Callable[[Mapping[str, float]], None]
+# Limit on the time without a report [s]; kernels may have to be compiled first.
+_REPORT_TIMEOUT = 300.0
 
 
 class RunError(WorkError):
@@ -180,10 +182,7 @@ def write_beside_bag(
 
 
 def _follow(
-    group: processes.ProcessGroup,
-    simulator: processes.RunningProcess,
-    on_progress: Progress,
-    report_timeout: float = 300.0,
+    group: processes.ProcessGroup, simulator: processes.RunningProcess, on_progress: Progress
 ) -> Generator[None, None, dict[str, Any]]:
     """Wait for the end of the simulator and return its last report.
 
@@ -191,8 +190,6 @@ def _follow(
         group: all processes.
         simulator: process of the simulator, one of the group.
         on_progress: function that is called with each report of the simulator.
-        report_timeout: limit on the time without a report [s]; kernels may have to be compiled
-            first.
 
     Raises:
         ProcessError: a node ended before the simulator, a signal halted a process, or the simulator
@@ -210,8 +207,10 @@ def _follow(
         # Before the first step, a single halted node makes all other nodes wait.
         for process in (simulator,) if report else group.running:
             process.raise_if_halted()
-        if now - received > report_timeout:
-            raise processes.ProcessError(f"the simulator has made no step for {report_timeout:g} s")
+        if now - received > _REPORT_TIMEOUT:
+            raise processes.ProcessError(
+                f"the simulator has made no step for {_REPORT_TIMEOUT:g} s"
+            )
     group.raise_if_ended(besides=simulator)
     report = (simulator.new_reports() or [report])[-1]
     if simulator.returncode != 0 or "finished" not in report:

@@ -14,6 +14,7 @@ _SAMPLES_PER_PIXEL = 4  # samples per pixel of motion along the axis in a blurre
 _SAMPLES_PER_WIDTH = 16  # samples per width of motion across the axis in a blurred line
 _MOST_SAMPLES = 128
 _TAPS = 8  # number of amplifiers that read out a line
+_PENUMBRA = 0.002  # width of the soft edge of a shadow [m]
 
 
 def seen(sensor: LineSensor, configuration: CameraConfiguration) -> LineSensor:
@@ -121,11 +122,7 @@ def pixel_faults(
 
 
 def shade(
-    grays: Float32Array,
-    sensor: LineSensor,
-    configuration: CameraConfiguration,
-    first_line: int,
-    penumbra: float = 0.002,
+    grays: Float32Array, sensor: LineSensor, configuration: CameraConfiguration, first_line: int
 ) -> Float32Array:
     """Return lines with a shadow, whose soft edge is fixed or moves back and forth along the line.
 
@@ -134,13 +131,12 @@ def shade(
         sensor: the camera.
         configuration: optics of the camera, including the shadow.
         first_line: index of the first line since the start of the run.
-        penumbra: width of the soft edge [m].
     """
     elapsed = (first_line + np.arange(len(grays))) / sensor.line_rate
     way = 0.35 + configuration.shadow_speed * elapsed / sensor.length  # [lengths of the view]
     edge = 0.1 + 0.8 * np.abs((way - 0.1) / 0.8 % 2.0 - 1.0)
     place = (np.arange(sensor.pixels) + 0.5) / sensor.pixels
-    lit = np.clip((place - edge[:, None]) * sensor.length / penumbra + 0.5, 0.0, 1.0)
+    lit = np.clip((place - edge[:, None]) * sensor.length / _PENUMBRA + 0.5, 0.0, 1.0)
     shaded = grays * (1.0 - configuration.shadow * (1.0 - lit)).astype(np.float32)
     return np.asarray(shaded, np.float32)
 

@@ -62,6 +62,8 @@ _SETTING = (
     *("simulation.duration_limit=20", "encoders.resolution=4096"),
     "brake_assist.fault_detection=true",
 )
+_SEARCHED = 8  # every n-th seed is followed by a search for a worse fault
+_STEPS = 10  # number of faults that a search tries
 
 
 class Fault(NamedTuple):
@@ -163,18 +165,9 @@ class FaultyStops:
         library: library that contains the experiment and vehicle files.
         changes: ``dotted.key=value`` changes of all assistants and vehicles; if they name a law,
             only this law is run.
-        searched: number n; every n-th seed is followed by a search for a worse fault.
-        steps: number of faults that a search tries.
     """
 
-    def __init__(
-        self,
-        library: ExperimentLibrary,
-        changes: Sequence[str] = (),
-        searched: int = 8,
-        steps: int = 10,
-    ) -> None:
-        self._searched, self._steps = searched, steps
+    def __init__(self, library: ExperimentLibrary, changes: Sequence[str] = ()) -> None:
         chosen = [c.split("=", 1)[1] for c in changes if c.startswith("brake_assist.law=")]
         laws = {law: LAWS.get(law, (f"brake_assist.law={law}",)) for law in chosen or LAWS}
         self._laws = tuple(laws)
@@ -195,7 +188,7 @@ class FaultyStops:
     def fingerprint(self) -> str:
         """Digest of all settings that determine the stops, except the seeds."""
         drawn = EXTENTS, KINDS, _SIZES, _SHARES, _BRAKES, list(_CHANNELS.items())
-        return digest(list(self._bases.values()), drawn, self._searched, self._steps)
+        return digest(list(self._bases.values()), drawn, _SEARCHED, _STEPS)
 
     def __call__(self, seed: int) -> Stop:
         """Run the stop with conditions and fault drawn with a seed, and return the result.
@@ -208,8 +201,8 @@ class FaultyStops:
         extent = str(random.choice(EXTENTS))
         fault = self._draw(random, setting, extent)
         worst = self.run(setting, fault, seed)
-        if seed % self._searched == 0:
-            for _ in range(self._steps):
+        if seed % _SEARCHED == 0:
+            for _ in range(_STEPS):
                 changed = self._change(random, setting, extent, fault)
                 tried = self.run(setting, changed, seed)
                 if _severity(tried) > _severity(worst):

@@ -46,6 +46,8 @@ _GROUNDS = ("cork", "asphalt", "stone")
 _FRACTIONS = 16
 _FARTHEST = 0.25  # limit on the displacement, as a share of the line
 _LARGEST_LOCKING = 0.02  # px, as in limits.yaml
+_RADIUS = 0.6  # radius of the circle on which the cameras are mounted [m]
+_BATCHES = 8  # number of batches from each start
 
 
 @dataclasses.dataclass(frozen=True)
@@ -324,14 +326,7 @@ def _covariance(options: _Drives, study: StudyRun) -> StudyResult:
     return study.result(_drive_metrics(cases))
 
 
-def _drive(
-    name: str,
-    sensor: LineSensor,
-    kind: str,
-    options: _Drives,
-    radius: float = 0.6,
-    batches: int = 8,
-) -> list[DriveCase]:
+def _drive(name: str, sensor: LineSensor, kind: str, options: _Drives) -> list[DriveCase]:
     """Simulate all motions of three equal cameras over one ground.
 
     Args:
@@ -339,19 +334,17 @@ def _drive(
         sensor: camera of this type.
         kind: kind of the ground.
         options: number of starts, noise and seed.
-        radius: radius of the circle on which the cameras are mounted [m].
-        batches: number of batches from each start.
     """
-    sensors = tangential(radius, sensor)
+    sensors = tangential(_RADIUS, sensor)
     configuration = OdometryConfiguration(sensors=sensors)
     rig = Rig(sensors, ground(kind, _HARDER.get(kind, 4096)), options.noise, options.seed)
     generator = np.random.default_rng(options.seed)
     largest = sensor.sideways_speed
     cases = []
     for motion, shares in _MOTIONS.items():
-        twist = largest * np.array(shares) / np.array([1.0, 1.0, radius])
+        twist = largest * np.array(shares) / np.array([1.0, 1.0, _RADIUS])
         trials = tuple(
-            line_trials.drive(configuration, rig, twist, batches, generator)
+            line_trials.drive(configuration, rig, twist, _BATCHES, generator)
             for _ in range(options.starts)
         )
         cases.append(DriveCase(name, kind, motion, trials))

@@ -70,6 +70,7 @@ _ODOMETRY = ("twist_rmse", "yaw_rate_rmse", "fail_safe_share")
 _FEEDBACK = {"sensor": "velocity sensor", "optical": "line-scan odometry"}
 _REPEATED = {("ice_patch_noisy", "assisted")}  # optical run equals that of ice_patch
 _LABELS = ("$v_x$ [m/s]", "$v_y$ [m/s]", r"$\omega$ [rad/s]")
+_BEFORE = 0.2  # time that is shown before the start of braking [s]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -343,10 +344,7 @@ def _measured(runs: ExperimentRuns) -> Figure:
 
 
 def _over_one_another(
-    runs: Mapping[str, tuple[RunHistory, FloatArray]],
-    title: str,
-    labels: Sequence[str],
-    before: float = 0.2,
+    runs: Mapping[str, tuple[RunHistory, FloatArray]], title: str, labels: Sequence[str]
 ) -> Figure:
     """Draw the values of two runs over time, in one panel for each of K quantities.
 
@@ -354,7 +352,6 @@ def _over_one_another(
         runs: history and values, shape (T, K), of each run, keyed by label.
         title: title of the figure.
         labels: labels of the K quantities.
-        before: time that is shown before the start of braking [s].
     """
     size, x = (9.0, 1.0 + 2.6 * len(labels)), "time since braking [s]"
     figure, grid = style.panels(title, len(labels), size=size, x=x, y=labels, sharex=True)
@@ -369,7 +366,7 @@ def _over_one_another(
         for (name, (history, values)), look in zip(runs.items(), looks, strict=True):
             axes.plot(history.braking_time, values[:, row], label=name, **look)
     times = [history.braking_time for history, _ in runs.values()]
-    grid[0, 0].set_xlim(max(-before, min(t[0] for t in times)), max(t[-1] for t in times))
+    grid[0, 0].set_xlim(max(-_BEFORE, min(t[0] for t in times)), max(t[-1] for t in times))
     grid[0, 0].legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), handlelength=1.6)
     return figure
 

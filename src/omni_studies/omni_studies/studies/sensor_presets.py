@@ -35,6 +35,9 @@ from omni_tools.line_trials.rig import Rig, View
 from omni_tools.line_trials.trials import Matches, Motion, drive, measure
 from omni_tools.placement.mounting_area import tangential
 
+_RADIUS = 0.6  # radius of the circle on which the cameras are mounted tangentially [m]
+_BATCHES = 8  # number of batches of 10 ms from each random position
+
 
 class _Preset(NamedTuple):
     """A sensor: file, title, and speed [m/s] and pixel pitch [mm] in Table 4."""
@@ -163,12 +166,7 @@ def _move(
 
 
 def _driven(
-    case: str,
-    sensor: LineSensor,
-    texture: GroundTexture,
-    options: Options,
-    radius: float = 0.6,
-    batches: int = 8,
+    case: str, sensor: LineSensor, texture: GroundTexture, options: Options
 ) -> dict[str, Metric]:
     """Return availability and velocity error of the odometry with three cameras, as metrics.
 
@@ -179,10 +177,8 @@ def _driven(
         sensor: type of the cameras.
         texture: the ground.
         options: noise, method, number of runs and seed.
-        radius: radius of the circle on which the cameras are mounted tangentially [m].
-        batches: number of batches of 10 ms from each random position.
     """
-    speed, sensors = sensor.sideways_speed, tangential(radius, sensor)
+    speed, sensors = sensor.sideways_speed, tangential(_RADIUS, sensor)
     configuration = OdometryConfiguration(sensors=sensors, method=options.method)
     rig = Rig(sensors, texture, options.noise, options.seed)
     generator = np.random.default_rng(options.seed)
@@ -190,7 +186,7 @@ def _driven(
     metrics: dict[str, Metric] = {}
     for direction, axis in _DIRECTIONS.items():
         twist = speed * np.array(axis)
-        trials = [drive(configuration, rig, twist, batches, generator) for _ in range(places)]
+        trials = [drive(configuration, rig, twist, _BATCHES, generator) for _ in range(places)]
         error = np.concatenate([trial.error[:, :2] for trial in trials])
         share = 100.0 * float(np.mean([trial.measured for trial in trials]))
         square = float(np.mean(np.sum(error**2, axis=1))) if len(error) else math.nan

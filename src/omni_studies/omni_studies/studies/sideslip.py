@@ -29,6 +29,7 @@ from omni_studies.study import StudyResult, StudyRun
 from omni_tools.line_trials.rig import Rig
 
 _WHEEL, _CAMERA = "wheel", "camera"
+_DRAWN_SPEED = 10.0  # speed at which errors are drawn as a function of the angle [m/s]
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -218,10 +219,7 @@ _MARKERS = ("o", "s", "^", "D")
 
 
 def draw_sideslip(
-    trials: Mapping[Case, Sequence[Angles]],
-    fastest: Mapping[str, float],
-    slipping: float,
-    speed: float = 10.0,
+    trials: Mapping[Case, Sequence[Angles]], fastest: Mapping[str, float], slipping: float
 ) -> Figure:
     """Draw RMS errors versus speed and, at one speed, errors versus the true angle.
 
@@ -229,7 +227,6 @@ def draw_sideslip(
         trials: trials for each ground and sensor, by increasing speed.
         fastest: speed at 60 % overlap of consecutive lines [m/s], keyed by sensor.
         slipping: ratio of wheel speed to forward velocity of a wheel that slips, such as 0.99.
-        speed: speed at which errors are drawn as a function of the angle [m/s].
     """
     title = "Sideslip angle of a wheel from one line camera along its axis of rotation"
     x = ("speed of the wheel [m/s]", "true sideslip angle [deg]")
@@ -237,7 +234,7 @@ def draw_sideslip(
         title, 1, 2, size=(12.0, 5.6), x=x, width_ratios=(1.15, 1.0)
     )
     _draw_speeds(left, trials, fastest)
-    _draw_angles(right, trials, speed)
+    _draw_angles(right, trials, _DRAWN_SPEED)
     truth = next(iter(trials.values()))[0].truth
     fine = np.linspace(truth[0], truth[-1], 201)
     slip = np.degrees(np.arctan(np.tan(fine) / slipping) - fine)

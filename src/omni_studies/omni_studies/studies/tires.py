@@ -28,6 +28,8 @@ from omni_studies.wheels import trials
 _EXPERIMENT = "straight_line"  # experiment from which the vehicle is taken
 _TABLE_1 = "rill_table_1"
 _TIRES = (_TABLE_1, "linear", "magic_formula")
+_SETTLING = 2.0  # time in which the tires reach their deflection [s]
+_CROSSING_SPEED = 0.5  # commanded speed before and after the zero crossing [m/s or rad/s]
 
 
 class Options(Configuration):
@@ -251,9 +253,7 @@ def stopping_distance_change(vehicle: VehicleConfiguration, speed: float = 4.0) 
     return max(changes)
 
 
-def slope_creep(
-    vehicle: VehicleConfiguration, slope: float, settling: float = 2.0
-) -> tuple[float, float]:
+def slope_creep(vehicle: VehicleConfiguration, slope: float) -> tuple[float, float]:
     """Return how far a vehicle moves while its brakes hold it on a slope.
 
     The results are the largest values over six directions of the slope.
@@ -261,14 +261,13 @@ def slope_creep(
     Args:
         vehicle: the vehicle.
         slope: grade of the slope [1].
-        settling: time in which the tires reach their deflection [s].
 
     Returns:
         Initial deflection of the tires [m], and displacement in the following minute [m].
     """
     pushes = math.sin(math.atan(slope)) * _DIRECTIONS
     parked = [trials.Trial("slope", pedal=1.0, push=tuple(push)) for push in pushes]
-    give, creep = np.max([trials.movement(vehicle, one, settling) for one in parked], axis=0)
+    give, creep = np.max([trials.movement(vehicle, one, _SETTLING) for one in parked], axis=0)
     return float(give), float(creep)
 
 
@@ -283,26 +282,23 @@ def creep_after_stop(vehicle: VehicleConfiguration, speed: float = 4.0) -> float
     return max(trials.movement(vehicle, stop, 6.0)[1] for stop in stops)
 
 
-def zero_crossing(
-    vehicle: VehicleConfiguration, direction: FloatArray, speed: float = 0.5
-) -> FloatArray:
+def zero_crossing(vehicle: VehicleConfiguration, direction: FloatArray) -> FloatArray:
     """Return the speed of a vehicle while the commanded speed decreases linearly through zero.
 
     Args:
         vehicle: the vehicle.
         direction: direction of the body twist, a unit vector [1], shape (3,).
-        speed: initial commanded speed [m/s or rad/s]; after 2 s, the command reaches ``-speed``.
 
     Returns:
         Speed along `direction` at the control stamps [m/s or rad/s], shape (201,).
     """
-    moving = Vehicle(vehicle, twist=speed * direction)
+    moving = Vehicle(vehicle, twist=_CROSSING_SPEED * direction)
     enable = np.ones(len(vehicle.wheels))
     periods = round(2.0 / _PERIOD)
     steps = round(_PERIOD / moving.physics_step)
-    speeds = [speed]
+    speeds = [_CROSSING_SPEED]
     for k in range(periods):
-        command = speed * direction * (1.0 - 2.0 * (k + 1) / periods)
+        command = _CROSSING_SPEED * direction * (1.0 - 2.0 * (k + 1) / periods)
         moving.advance(steps, 0.0, enable, command)
         speeds.append(float(moving.twist @ direction))
     return np.array(speeds)

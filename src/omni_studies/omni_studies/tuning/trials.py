@@ -23,6 +23,8 @@ from omni_sim.ground.friction import FrictionPatch
 from omni_tools.campaign.runner import digest
 
 Part = TypeVar("Part", GroundConfiguration, FrictionPatch)
+# Limits on the deviations of speed [1], direction [deg], yaw rate [1] and friction [1].
+_LARGEST_DEVIATIONS = (0.03, 3.0, 0.05, 0.05)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -106,10 +108,7 @@ class Trial:
 
 
 def situations(
-    base: ExperimentConfiguration,
-    count: int,
-    seed: int,
-    largest: tuple[float, float, float, float] = (0.03, 3.0, 0.05, 0.05),
+    base: ExperimentConfiguration, count: int, seed: int
 ) -> tuple[ExperimentConfiguration, ...]:
     """Return a maneuver together with slight deviations from it.
 
@@ -117,13 +116,11 @@ def situations(
         base: undisturbed maneuver, the first situation.
         count: number of situations.
         seed: seed of the deviations.
-        largest: limits on the deviations of speed [1], direction [deg], yaw rate [1] and friction
-            [1].
     """
     random = np.random.default_rng(seed)
     result = [base]
     drawn = random.uniform(-1.0, 1.0, (max(count - 1, 0), 4))
-    for speed, turn, yaw_rate, grip in (np.array(largest) * drawn).tolist():
+    for speed, turn, yaw_rate, grip in (np.array(_LARGEST_DEVIATIONS) * drawn).tolist():
         maneuver = dataclasses.replace(
             base.maneuver,
             speed=base.maneuver.speed * (1.0 + speed),

@@ -42,6 +42,13 @@ _SLOWEST = 0.5  # wheel speed below which a wheel counts as locked [rad/s]
 _DEAD_TIMES = (0.0, 0.01, 0.03, 0.06, 0.1, 0.2)  # initial values of the search [s]
 _TIME_CONSTANTS = (0.002, 0.01, 0.03, 0.08, 0.2)  # initial values of the search [s]
 _SHORTEST = 1e-4  # lower limit on the time constant [s]
+_FEWEST_INTERVALS = 10  # required number of intervals in which a braked wheel turns
+_LARGEST_RESIDUAL = 0.3  # limit on the ratio of the residual to the changes of speed by braking [1]
+_LARGEST_ERROR = 0.5  # limit on the ratio of the torque's standard error to the torque [1]
+# An interval between two samples is omitted if it is at least this long [s].
+_LONGEST_INTERVAL = 0.1
+# Limit on the change of a radius by the tire's deflection, relative to the radius [1].
+_LARGEST_DEFLECTION = 0.2
 
 
 class BrakeFit(NamedTuple):
@@ -93,21 +100,12 @@ class StopEquations(NamedTuple):
     per_torque: FloatArray
 
 
-def fit_brakes(
-    stops: Sequence[BrakeData],
-    vehicle: configuration.VehicleConfiguration,
-    fewest: int = 10,
-    largest_residual: float = 0.3,
-    largest_error: float = 0.5,
-) -> BrakeFit:
+def fit_brakes(stops: Sequence[BrakeData], vehicle: configuration.VehicleConfiguration) -> BrakeFit:
     """Fit one torque, one dead time and one time constant to all wheels of all stops.
 
     Args:
         stops: recorded stops.
         vehicle: vehicle, which gives masses, wheels and wheel inertia.
-        fewest: required number of intervals in which a braked wheel turns.
-        largest_residual: limit on the ratio of the residual to the changes of speed by braking [1].
-        largest_error: limit on the ratio of the torque's standard error to the torque [1].
 
     Raises:
         BrakeDataError: too few intervals contain information on the brakes.
@@ -116,11 +114,11 @@ def fit_brakes(
     equations = tuple(_equations(stop, vehicle) for stop in stops)
     shown = [np.any(e.per_torque != 0.0, axis=(1, 2)) & _commanded(e) for e in equations]
     intervals = int(sum(np.count_nonzero(rows) for rows in shown))
-    if intervals < fewest:
+    if intervals < _FEWEST_INTERVALS:
         raise BrakeDataError(
             f"a wheel turned under its brake in {intervals} intervals between two samples, and at "
-            f"least {fewest} are needed: brake with less pedal, so that the wheels do not lock, "
-            "or longer"
+            f"least {_FEWEST_INTERVALS} are needed: brake with less pedal, so that the wheels do "
+            "not lock, or longer"
         )
     found = _search(equations)
     torque, dead_time, time_constant = found.x
@@ -131,13 +129,13 @@ def fit_brakes(
     dead_time = 0.0 if dead_time < 1.01 * _SHORTEST else dead_time
     residual = float(np.sqrt(np.mean(found.fun**2)))
     size = float(np.sqrt(np.mean(_differences(equations, np.array([0.0, 0.0, 1.0])) ** 2)))
-    if residual > largest_residual * size:
+    if residual > _LARGEST_RESIDUAL * size:
         raise WorkError(
             f"the fitted brakes do not explain the stops: RMS error of {residual:.2g} m/s where "
             f"they changed the speed by {size:.2g} m/s (RMS); check that the recordings are of "
             "this vehicle, and brake with less pedal, so that the wheels do not lock"
         )
-    if not errors[0] < largest_error * torque:
+    if not errors[0] < _LARGEST_ERROR * torque:
         raise WorkError(
             f"the torque of {torque:.3g} N m is uncertain by {errors[0]:.2g} N m: record more "
             "stops, with the pedal halfway so that the wheels turn on under their brakes"
@@ -189,15 +187,12 @@ def _commanded(stop: StopEquations) -> BoolArray:
     return np.asarray(np.any(stop.data.command[np.maximum(row, 0)] > 0.0, axis=1) & (row >= 0))
 
 
-def _equations(
-    stop: BrakeData, vehicle: configuration.VehicleConfiguration, longest: float = 0.1
-) -> StopEquations:
+def _equations(stop: BrakeData, vehicle: configuration.VehicleConfiguration) -> StopEquations:
     """Return the momentum equations of a stop.
 
     Args:
         stop: data of the stop.
         vehicle: vehicle, which gives masses, wheels and wheel inertia.
-        longest: an interval between two samples is omitted if it is at least this long [s].
     """
     masses = vehicle.masses
     geometry = PlatformGeometry.from_wheels(vehicle.wheels)
@@ -231,7 +226,7 @@ def _equations(
         basis, size, _ = np.linalg.svd(unknown, full_matrices=True)
         free = basis[:, np.count_nonzero(size > 1e-9 * size[0]) :]
         change[k], per_torque[k] = free @ (free.T @ change[k]), free @ (free.T @ per_torque[k])
-    use = pressed & (step < longest)
+    use = pressed & (step < _LONGEST_INTERVAL)
     return StopEquations(
         data=stop,
         time=0.5 * (stop.time[1:] + stop.time[:-1])[use],
@@ -284,20 +279,18 @@ def _summed(stop: StopEquations, rows: FloatArray) -> FloatArray:
     return np.concatenate(sums)
 
 
-def _rolling_share(
-    stop: BrakeData, vehicle: configuration.VehicleConfiguration, deflection: float = 0.2
-) -> FloatArray:
+def _rolling_share(stop: BrakeData, vehicle: configuration.VehicleConfiguration) -> FloatArray:
     """Return the ratio of rolling to nominal radius of each wheel [1], shape (N,).
 
     The ratio is set to 1 if the wheel does not turn, or if the estimate differs from 1 by at least
-    `deflection` [1].
+    `_LARGEST_DEFLECTION` [1].
     """
     rolling = stop.time < _pedal_down(stop)
     expected = PlatformKinematics(vehicle.wheels).wheel_speeds(stop.twist)[rolling]
     found = np.sum(expected * stop.wheel_speed[rolling], axis=0)
     square = np.sum(stop.wheel_speed[rolling] ** 2, axis=0)
     share = np.divide(found, square, out=np.ones_like(found), where=square > _SLOWEST**2)
-    plausible = abs(share - 1.0) < deflection
+    plausible = abs(share - 1.0) < _LARGEST_DEFLECTION
     return np.asarray(np.where(plausible, share, 1.0))
 
 

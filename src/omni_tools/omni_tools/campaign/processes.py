@@ -19,17 +19,15 @@ from omni_platform.background import ALONE
 Run = Callable[[Sequence[int]], Any]
 _run: Run  # set in each worker; not pickled
 
+_MOST_DEATHS = 3  # worker deaths without a result in between, after which the work ends
+
 
 class WorkerDiedError(RuntimeError):
     """Several workers in a row died with the same seeds."""
 
 
 def share(
-    run: Run,
-    next_seeds: Callable[[], Sequence[int]],
-    workers: int,
-    take: Callable[[Any], None],
-    most_deaths: int = 3,
+    run: Run, next_seeds: Callable[[], Sequence[int]], workers: int, take: Callable[[Any], None]
 ) -> None:
     """Run all seeds in several worker processes.
 
@@ -38,7 +36,6 @@ def share(
         next_seeds: function that returns the next seeds to run; an empty list after the last seed.
         workers: number of worker processes.
         take: function called with each result of `run`, in any order.
-        most_deaths: the work ends after this number of worker deaths without a result in between.
 
     Raises:
         WorkerDiedError: several workers in a row died with the same seeds.
@@ -64,7 +61,7 @@ def share(
         except BrokenProcessPool:
             left += flying.values()
             deaths += 1
-            if deaths == most_deaths:
+            if deaths == _MOST_DEATHS:
                 ends = min(map(min, left)), max(map(max, left))
                 raise WorkerDiedError(
                     "several workers died with the seeds {} to {}".format(*ends)

@@ -28,6 +28,11 @@ _SHORTEST = 0.3
 _LARGEST = 1e6
 """Magnitude at or above which a reading counts as missing [unit of its topic]."""
 
+_PERIOD = 0.01  # period of the rows [s]
+# Speed above which a wheel counts as moving, and minimum peak speed of a motion, both as a share
+# of the largest speed [1].
+_MOVES = (0.01, 0.03)
+
 
 class Signals(NamedTuple):
     """Signals of a commissioning drive at T equally spaced times, N wheels; missing values are NaN.
@@ -92,9 +97,7 @@ def read_signals(recording: Path, wheels: Sequence[str]) -> Signals:
     return signals_of(read_streams(open_vehicle(recording), TOPICS, TOPICS[:2]), wheels)
 
 
-def signals_of(
-    streams: Mapping[str, Stream], wheels: Sequence[str], period: float = 0.01
-) -> Signals:
+def signals_of(streams: Mapping[str, Stream], wheels: Sequence[str]) -> Signals:
     """Return the signals of a commissioning drive, sampled at equally spaced times.
 
     Wheel speeds are interpolated; all other signals hold their newest value.
@@ -102,7 +105,6 @@ def signals_of(
     Args:
         streams: messages keyed by topic name, including at least those of wheels and pedal.
         wheels: names of the vehicle's wheels, in the order of the columns.
-        period: period of the rows [s].
 
     Raises:
         ConfigurationError: the wheels of the messages have other names; a gap between wheel speeds
@@ -113,7 +115,7 @@ def signals_of(
     streams = {topic.name: streams.get(topic.name, nothing) for topic in TOPICS}
     states = streams[_WHEELS]
     _check_completeness(states, wheels)
-    time = np.arange(states.stamp_ns[0], states.stamp_ns[-1], round(period * 1e9))
+    time = np.arange(states.stamp_ns[0], states.stamp_ns[-1], round(_PERIOD * 1e9))
 
     def sampled(topic: str, rows: Any, columns: int) -> quantities.FloatArray:
         return _newest_values(time, streams[topic].stamp_ns, rows, columns)
@@ -264,9 +266,7 @@ def _integral(values: quantities.FloatArray, dt: float) -> quantities.FloatArray
     return np.where(counts, sums * dt * len(values) / np.maximum(counts, 1), math.nan)
 
 
-def _runs(
-    speed: quantities.FloatArray, period: float, moves: tuple[float, float] = (0.01, 0.03)
-) -> list[slice]:
+def _runs(speed: quantities.FloatArray, period: float) -> list[slice]:
     """Return the rows of each motion.
 
     A short rest does not end a motion, and short or slow motions are omitted.
@@ -274,11 +274,9 @@ def _runs(
     Args:
         speed: largest wheel speed [rad/s], shape (T,).
         period: period of the rows [s].
-        moves: speed above which a wheel counts as moving, and minimum peak speed of a motion, both
-            as a share of the largest speed [1].
     """
     fastest = float(np.max(speed, initial=1e-9))
-    moving = (speed > moves[0] * fastest).astype(int)
+    moving = (speed > _MOVES[0] * fastest).astype(int)
     edges = np.flatnonzero(np.diff(np.concatenate(([0], moving, [0]))))
     joined: list[list[int]] = []
     for first, last in edges.reshape(-1, 2):
@@ -291,5 +289,5 @@ def _runs(
     return [
         slice(max(first - edge, 0), last + edge)
         for first, last in joined
-        if (last - first) * period >= _SHORTEST and np.max(speed[first:last]) > moves[1] * fastest
+        if (last - first) * period >= _SHORTEST and np.max(speed[first:last]) > _MOVES[1] * fastest
     ]

@@ -38,6 +38,8 @@ QUANTITIES = ("pitch", "heading", "lever", "line_rate")
 """Calibrated quantities of a camera."""
 
 _PRIOR = (0.33, 0.33, 0.3)  # standard deviations of the configured c, in units of 1 / p and m / p
+_HUBER = 2.5  # residual above which a batch has a smaller weight, in robust standard deviations [1]
+_STRETCHES = 24  # number of parts of the recordings whose errors are assumed to be independent
 
 
 class Drive(NamedTuple):
@@ -240,12 +242,7 @@ def _mounting(
 
 
 def _fit(
-    twist: FloatArray,
-    pixels: FloatArray,
-    start: FloatArray,
-    prior: FloatArray,
-    huber: float = 2.5,
-    stretches: int = 24,
+    twist: FloatArray, pixels: FloatArray, start: FloatArray, prior: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Return the coefficients c and their covariance, from a robust fit.
 
@@ -254,8 +251,6 @@ def _fit(
         pixels: velocity measured by the camera [px/s], shape (m,).
         start: configured coefficients c [1/m, 1/m, 1], shape (3,).
         prior: standard deviations of `start` [1/m, 1/m, 1], shape (3,).
-        huber: residual above which a batch has a smaller weight, in robust standard deviations [1].
-        stretches: number of parts of the recordings whose errors are assumed to be independent.
     """
     value: Any = start
     weight = np.ones(len(pixels))
@@ -266,15 +261,15 @@ def _fit(
         new = np.linalg.solve(information, gain)
         left = pixels - twist @ new
         deviation = max(1.4826 * float(np.median(np.abs(left))), 1e-9 * float(np.abs(new).max()))
-        weight = np.minimum(1.0, huber * deviation / np.maximum(np.abs(left), 1e-12))
+        weight = np.minimum(1.0, _HUBER * deviation / np.maximum(np.abs(left), 1e-12))
         settled = np.allclose(new, value, rtol=1e-10)
         value = new
         if settled:
             break
     inverse = np.linalg.inv(information)
     scores = (weight * left / deviation**2)[:, None] * twist
-    sums = np.array([part.sum(axis=0) for part in np.array_split(scores, stretches)])
-    count = min(stretches, len(pixels))
+    sums = np.array([part.sum(axis=0) for part in np.array_split(scores, _STRETCHES)])
+    count = min(_STRETCHES, len(pixels))
     meat = sums.T @ sums * (count / max(count - 3.0, 1.0))
     covariance = inverse @ (meat + np.diag(prior**-2)) @ inverse
     return value, covariance

@@ -25,6 +25,7 @@ PICTURES = (".png", ".tif", ".tiff", ".bmp", ".pgm", ".jpg", ".jpeg")
 RAW = (".raw", ".bin", ".dat")
 
 _GRAY_8 = ("L", "P", "1", "RGB", "RGBA", "LA")
+_MOST_BYTES = 1 << 32  # limit on the size of all lines of a file or folder [B]
 
 
 class LineFileError(configuration.ConfigurationError):
@@ -44,20 +45,17 @@ class RawFormat:
     bits: int = 8
 
 
-def read_lines(
-    path: Path, cut: Cut, raw: RawFormat = RawFormat(), most: int = 1 << 32
-) -> signals.Lines:
+def read_lines(path: Path, cut: Cut, raw: RawFormat = RawFormat()) -> signals.Lines:
     """Return the lines in a file or folder, oldest first, as 8 or 16 bit integers, shape (m, n).
 
     Args:
         path: file, or folder of pictures.
         cut: rows or columns of each picture that are used as lines.
         raw: layout of files with raw bytes.
-        most: limit on the size of all lines [B].
 
     Raises:
-        LineFileError: the file cannot be read, contains no line or more than `most` bytes, or its
-            lines differ in length or type.
+        LineFileError: the file cannot be read, contains no line or more than 4 GiB, or its lines
+            differ in length or type.
     """
     if not path.exists():
         raise LineFileError(str(path), "there is no such file or folder")
@@ -74,9 +72,10 @@ def read_lines(
                     str(path), f"contains lines of {found}; all lines must be equally long"
                 )
             size += part.nbytes
-            if size > most:
+            if size > _MOST_BYTES:
                 raise LineFileError(
-                    str(path), f"contains more than {most >> 30} GiB of lines: import it in pieces"
+                    str(path),
+                    f"contains more than {_MOST_BYTES >> 30} GiB of lines: import it in pieces",
                 )
             parts.append(part)
     except (OSError, ValueError, SyntaxError, EOFError) as error:

@@ -26,27 +26,25 @@ from omni_tools.line_trials.rig import PERIOD, Rig, View, cameras, poses_at
 ERROR_COLUMNS = ("mean_error_px", "rmse_px", "rmse_mm", "rmse_percent_of_speed")
 """Column names for the results of `error_values`."""
 
+_DEVIATIONS = 4.0  # limit on the ratio that the stated standard deviation explains [1]
+
 
 def within_95(ratio: FloatArray) -> BoolArray:
     """Return whether each ratio of error to stated deviation is within +-1.96, same shape."""
     return np.abs(ratio) <= 1.96
 
 
-def undetected(
-    ratio: FloatArray, error: FloatArray, least: float = 0.05, deviations: float = 4.0
-) -> BoolArray:
+def undetected(ratio: FloatArray, error: FloatArray, least: float = 0.05) -> BoolArray:
     """Return whether each velocity error is an undetected error, shape (m,).
 
-    The magnitude of such an error exceeds both `least` and `deviations` times the stated standard
-    deviation.
+    The magnitude of such an error exceeds both `least` and 4 stated standard deviations.
 
     Args:
         ratio: ratio of error to stated standard deviation [1], NaN if unmeasured, shape (m,).
         error: error of the velocity [m/s], shape (m,).
         least: minimum error that counts as undetected [m/s].
-        deviations: limit on the ratio that the stated standard deviation explains [1].
     """
-    return (np.abs(ratio) > deviations) & (np.abs(error) > least)
+    return (np.abs(ratio) > _DEVIATIONS) & (np.abs(error) > least)
 
 
 def error_values(

@@ -33,6 +33,7 @@ FEWEST_SENSORS, MOST_SENSORS = 3, 8
 BEST, CONDITION = "best", "condition"
 
 Report = Callable[[float, str], None]
+_USUAL_SPEED = 10.0  # speed for which cameras are placed if none is given [m/s]
 
 
 class PlacementTrial(NamedTuple):
@@ -221,9 +222,7 @@ def confirm(task: DesignTask, result: Design, report: Report) -> dict[str, Place
     return trials
 
 
-def design_speed(
-    speed: float | None, yaw_rate: float, area: mounting_area.MountingArea, usual: float = 10.0
-) -> float:
+def design_speed(speed: float | None, yaw_rate: float, area: mounting_area.MountingArea) -> float:
     """Return the speed for which cameras are placed [m/s].
 
     The default is the usual speed, or the highest measurable speed if that is lower.
@@ -233,7 +232,6 @@ def design_speed(
         yaw_rate: yaw rate of the turning motion [rad/s].
         area: mounting area, which determines the camera type and the largest distance of a camera
             from the center.
-        usual: speed if none is given [m/s].
 
     Raises:
         ConfigurationError: the speed is not above 0, or consecutive lines overlap by less than
@@ -246,7 +244,7 @@ def design_speed(
             f"at {yaw_rate:g} rad/s lines at the corners of the chassis overlap by less than 60 %",
         )
     if speed is None:
-        return min(usual, limit)
+        return min(_USUAL_SPEED, limit)
     if not 0.0 < speed <= limit:
         raise ConfigurationError(
             "--speed",

@@ -25,13 +25,15 @@ _ARROW_LOOK: dict[str, Any] = {
     "color": style.BLUE, "zorder": 7,
 }  # fmt: skip
 
+_PANEL_WIDTH = 5.3  # width of a panel [in]
+_LEVELS = 14  # number of colors
+# Limits on the upper end of the color scale: multiple of the smallest error, and multiple of the
+# mean error of the first placement [1].
+_END = (1.5, 2.5)
+
 
 def placement_figure(
-    placements: Sequence[EvaluatedPlacement],
-    criterion: MeanError,
-    area: MountingArea,
-    title: str,
-    width: float = 5.3,
+    placements: Sequence[EvaluatedPlacement], criterion: MeanError, area: MountingArea, title: str
 ) -> Figure:
     """Draw placements side by side; the first one determines the color scale.
 
@@ -40,13 +42,12 @@ def placement_figure(
         criterion: criterion that computes the errors.
         area: the chassis.
         title: title of the figure.
-        width: width of a panel [in].
     """
     low, high = _limits(placements, area)
-    height = width * float((high[1] - low[1]) / (high[0] - low[0])) + 1.4
+    height = _PANEL_WIDTH * float((high[1] - low[1]) / (high[0] - low[0])) + 1.4
     look: dict[str, Any] = {"x": "forward [m]", "y": "left [m]", "sharex": True, "sharey": True}
     count = len(placements)
-    size = (width + 1.2, height)
+    size = (_PANEL_WIDTH + 1.2, height)
     figure, panels = style.tiles(title, count, min(count, 2), size=size, **look)
     norm = _norm(placements, criterion, area)
     for axes, placement in zip(panels, placements, strict=True):
@@ -82,32 +83,25 @@ def _limits(
 
 
 def _norm(
-    placements: Sequence[EvaluatedPlacement],
-    criterion: MeanError,
-    area: MountingArea,
-    levels: int = 14,
-    end: tuple[float, float] = (1.5, 2.5),
+    placements: Sequence[EvaluatedPlacement], criterion: MeanError, area: MountingArea
 ) -> BoundaryNorm:
     """Return a color scale that starts at the smallest error of all panels.
 
-    The scale ends at the largest error, unless this is outside the limits in `end`.
+    The scale ends at the largest error, within the limits `_END`.
 
     Args:
         placements: placements in the figure, at least one.
         criterion: criterion that gives the errors.
         area: the chassis.
-        levels: number of colors.
-        end: minimum upper end of the scale, as a multiple of the smallest error; and maximum upper
-            end, as a multiple of the first placement's mean error [1].
     """
     regular = [p for p in placements if math.isfinite(p.mean_error) and not p.singular]
     if not regular:
-        return BoundaryNorm(np.linspace(0.0, 1.0, levels + 1), _SHADES.N, extend="max")
+        return BoundaryNorm(np.linspace(0.0, 1.0, _LEVELS + 1), _SHADES.N, extend="max")
     maps = np.array([_map(placement, criterion, area)[2] for placement in regular])
     lowest = float(np.min(maps))
-    top = min(float(np.max(maps)), end[1] * 1e3 * regular[0].mean_error)
-    top = max(top, end[0] * lowest)
-    boundaries = MaxNLocator(levels, steps=(1.0, 2.0, 2.5, 5.0, 10.0)).tick_values(lowest, top)
+    top = min(float(np.max(maps)), _END[1] * 1e3 * regular[0].mean_error)
+    top = max(top, _END[0] * lowest)
+    boundaries = MaxNLocator(_LEVELS, steps=(1.0, 2.0, 2.5, 5.0, 10.0)).tick_values(lowest, top)
     return BoundaryNorm(boundaries, _SHADES.N, extend="max")
 
 

@@ -40,6 +40,7 @@ from omni_tools.report.recording import ReportedRun, Series
 
 _MOST_STAMPS = 12_000  # two minutes at 100 Hz; for longer runs, every n-th stamp is shown
 _DEGREES = 180.0 / math.pi
+_STANDSTILL = 0.05  # speed below which a wheel counts as at rest [m/s]
 
 
 def report_document(title: str, runs: Sequence[recording.ReportedRun]) -> dict[str, Any]:
@@ -182,9 +183,7 @@ def _configuration(runs: Sequence[recording.ReportedRun]) -> list[dict[str, Any]
     return [{"key": key, "values": [run.values.get(key) for run in runs]} for key in keys]
 
 
-def rim_slips(
-    vehicle: VehicleConfiguration, history: RunHistory, standstill: float = 0.05
-) -> FloatArray:
+def rim_slips(vehicle: VehicleConfiguration, history: RunHistory) -> FloatArray:
     """Return the slip of each wheel along its active direction: 0 if it rolls, 1 if it is locked.
 
     The definition ``(n_w . v_i - omega R (n_w . u_i)) / max(|n_w . v_i|, |omega R (n_w . u_i)|)``
@@ -196,7 +195,6 @@ def rim_slips(
     Args:
         vehicle: vehicle with the wheels of the history, in any order.
         history: the run.
-        standstill: speed below which a wheel counts as at rest [m/s].
 
     Returns:
         Slips [1], from -2 to 2, shape (T, N), in the order of the history's wheels.
@@ -205,7 +203,7 @@ def rim_slips(
     hub = history.twist @ np.column_stack((geometry.active, geometry.lever)).T  # Eq. (23)
     rim = history.wheel_speed * geometry.radius * np.sum(geometry.active * geometry.rolling, axis=1)
     larger = np.maximum(np.abs(hub), np.abs(rim))
-    larger[larger < standstill] = np.nan
+    larger[larger < _STANDSTILL] = np.nan
     return np.asarray((hub - rim) / larger, dtype=np.float64)
 
 
