@@ -96,6 +96,7 @@ def _entries(fit: BrakeFit, vehicle: VehicleConfiguration) -> dict[str, Any]:
 
 
 def _brake_file(fit: BrakeFit, kind: str, names: list[str]) -> str:
+    """Return the section ``brake`` of a vehicle's file with the fitted values, as YAML."""
     lines = [
         f"# Brakes fitted to {', '.join(names)}; copy this section into the vehicle's file.",
         "# Standard errors: "

@@ -166,6 +166,14 @@ def _describe_function(function: FunctionType) -> tuple[str, list[FunctionType]]
 def _describe_names(
     names: list[str], values: dict[str, Any], callees: list[FunctionType], depth: int = 0
 ) -> Iterator[str]:
+    """Yield a description of each value that a function finds by name in a module.
+
+    Args:
+        names: names in the code of the function.
+        values: contents of the module, keyed by name.
+        callees: output, the functions among these values are appended.
+        depth: number of modules through which `values` was reached.
+    """
     for name in names:
         value = values.get(name)
         if isinstance(value, ModuleType) and depth < _DEPTH:  # the code may use its attributes

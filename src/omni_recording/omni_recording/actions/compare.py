@@ -95,6 +95,7 @@ _Stamped = tuple[int, mcap.RecordedMessage, list[table.Cell]]
 
 
 def _stamped(decoder: decode.MessageDecoder, path: Path, topic: str) -> Iterator[_Stamped]:
+    """Yield stamp [ns], raw message and flattened values of each message of a topic."""
     for message, decoded in decode.decoded_messages(folder.open_vehicle(path), (topic,)):
         try:
             cells = table.flatten(decoder, message.channel.type_name, decoded)

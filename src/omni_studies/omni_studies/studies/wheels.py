@@ -214,6 +214,7 @@ def _standing(vehicles: Mapping[str, VehicleConfiguration]) -> dict[str, Metric]
 
 
 def _cost(vehicle: VehicleConfiguration, repeats: int) -> dict[str, Metric]:
+    """Return the real-time factor of each wheel model, and the ratio of their computing times."""
     times = cost.processor_times(
         {model: with_wheels(vehicle, model, _COSTED) for model in _MODELS}, repeats
     )

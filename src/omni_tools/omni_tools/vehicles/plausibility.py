@@ -221,6 +221,7 @@ def _inertia_remarks(vehicle: VehicleConfiguration) -> Iterator[str]:
 
 
 def _camera_remarks(experiment: ExperimentConfiguration) -> Iterator[str]:
+    """Yield sentences about sensors outside the chassis or too slow for the maneuver."""
     vehicle, twists = experiment.vehicle, _twists(experiment.maneuver)
     mounts: dict[str, Mount] = {f"sensors.{name}": s for name, s in experiment.sensors.items()}
     mounts |= {f"flow_sensors.{name}": s for name, s in experiment.flow_sensors.items()}
@@ -231,7 +232,7 @@ def _camera_remarks(experiment: ExperimentConfiguration) -> Iterator[str]:
                 f"chassis of {vehicle.chassis_length:g} x {vehicle.chassis_width:g} m; "
                 "./omni design-sensors finds positions under the chassis"
             )
-    share, speed, name = max(
+    ratio, speed, name = max(
         (
             (math.hypot(x, y) / camera_speed(one, math.atan2(y, x)), math.hypot(x, y), name)
             for name, one in experiment.sensors.items()
@@ -239,12 +240,12 @@ def _camera_remarks(experiment: ExperimentConfiguration) -> Iterator[str]:
         ),
         default=(0.0, 0.0, ""),
     )
-    if share > 1.0:
+    if ratio > 1.0:
         yield (
             f"sensors.{name}: in its direction of motion, consecutive lines overlap by less than "
-            f"60 % above {plain(speed / share)} m/s, but the camera moves at up to "
+            f"60 % above {plain(speed / ratio)} m/s, but the camera moves at up to "
             f"{plain(speed)} m/s; use a wider view or a higher line rate, or reduce the speed to "
-            f"{90.0 / share:.0f} %"
+            f"{90.0 / ratio:.0f} %"
         )
     for name, flow in experiment.flow_sensors.items():
         speed = max(math.hypot(*_velocity(flow, twist)) for twist in twists)
