@@ -359,7 +359,7 @@ class UnsuitableViews:
             readings: readings of all cameras, keyed by name.
             twist: twist estimated from the readings.
         """
-        over_oblique_texture = {}
+        rejected = {}
         for name, reading in readings.items():
             if name not in self._sensors or not reading.measured:
                 continue
@@ -383,8 +383,8 @@ class UnsuitableViews:
                         f"after {1e3 * path:.3g} mm across the axis"
                     )
             if name in self._found and speed > _SLOWEST:
-                over_oblique_texture[name] = reading.rejected(self._found[name])
-        return over_oblique_texture
+                rejected[name] = reading.rejected(self._found[name])
+        return rejected
 
     def _path_across(self, name: str, stamp_ns: int, age: float, across: float) -> float:
         """Return how far a camera has moved across its axis in the last `age` seconds [m].
