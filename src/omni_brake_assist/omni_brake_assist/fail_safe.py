@@ -244,6 +244,7 @@ def _worst_variance(covariance: FloatArray) -> float:
 
 @lean
 def _is_confident(limits: Limits, gate: Any, covariance: FloatArray, weighed: bool) -> bool:
+    """Return whether the stated covariance of a twist is known and, unless `weighed`, small."""
     xx, yy, ww = covariance[0, 0], covariance[1, 1], covariance[2, 2]
     # ROS messages use a covariance of zeros for "unknown". A negative value counts as unknown too.
     if min(xx, yy, ww) <= 0.0:
@@ -263,6 +264,7 @@ def _is_confident(limits: Limits, gate: Any, covariance: FloatArray, weighed: bo
 
 @lean
 def _is_plausible(limits: Limits, gate: Any, twist: FloatArray) -> bool:
+    """Return whether speed and yaw rate of a twist are within the limits of the vehicle."""
     speed = math.hypot(twist[0], twist[1])
     return bool(
         _within(gate, conditions.TOO_FAST, speed, limits.maximum_speed, 0.0)
@@ -272,6 +274,7 @@ def _is_plausible(limits: Limits, gate: Any, twist: FloatArray) -> bool:
 
 @lean
 def _is_same(gate: Any, twist: FloatArray) -> bool:
+    """Return whether a twist equals the last valid twist."""
     change = max(abs(twist[0] - gate.v_x), abs(twist[1] - gate.v_y), abs(twist[2] - gate.yaw_rate))
     return bool(change < _RESOLUTION)
 
@@ -313,6 +316,7 @@ def _follows(limits: Limits, gate: Any, sample: TwistSample, braking: bool) -> b
 
 @lean
 def _accept(limits: Limits, gate: Any, stamp_ns: int, twist: FloatArray, braking: bool) -> None:
+    """Store a valid twist; open the gate after `recovery_count` valid twists in a row."""
     if gate.known and stamp_ns == gate.last_ns:
         return  # the sample is that of the last call
     if not braking or not gate.known or not _is_same(gate, twist):

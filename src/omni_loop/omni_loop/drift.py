@@ -55,12 +55,12 @@ def relative_error(truth: FloatArray, path: FloatArray, delta: float = DELTA) ->
         segment; number of segments.
     """
     steps = np.hypot(*np.diff(truth[:, :2], axis=0).T)
-    pairs, first, way = [], 0, 0.0
+    pairs, first, distance = [], 0, 0.0
     for index, step in enumerate(steps.tolist(), 1):
-        way += step
-        if way >= delta:
+        distance += step
+        if distance >= delta:
             pairs.append((first, index))
-            first, way = index, 0.0
+            first, distance = index, 0.0
     if not pairs:
         return math.nan, 0
     begins, ends = np.array(pairs).T

@@ -102,8 +102,8 @@ class FlowSensorArray:
         middle = 0.5 * (yaw[1:] + yaw[:-1])
         for name, sensor in self._sensors.items():
             place = trajectory[:, :2] + turned(np.array([sensor.x, sensor.y]), yaw)
-            way = turned(np.diff(place, axis=0), -(middle + sensor.heading))
-            self._path[name] = self._path[name] + np.sum(way, axis=0)
+            path = turned(np.diff(place, axis=0), -(middle + sensor.heading))
+            self._path[name] = self._path[name] + np.sum(path, axis=0)
 
     def measure(self, stamp_ns: int) -> dict[str, Flow]:
         """Return the measurements that are due at a stamp [ns], keyed by sensor name."""
@@ -112,8 +112,8 @@ class FlowSensorArray:
 
     def _measure(self, name: str, stamp_ns: int, elapsed: float) -> Flow:
         c = self._configuration
-        way = self._path[name]
-        measured = way * (1.0 + c.scale) + c.noise * self._random.standard_normal(2)
+        path = self._path[name]
+        measured = path * (1.0 + c.scale) + c.noise * self._random.standard_normal(2)
         counted = (
             np.round(measured / c.resolution) * c.resolution if c.resolution > 0.0 else measured
         )
@@ -121,7 +121,7 @@ class FlowSensorArray:
         self._path[name] = (measured - counted) / (1.0 + c.scale)
         velocity = counted / elapsed
         limit = self._sensors[name].maximum_speed
-        if math.hypot(*way) / elapsed > limit > 0.0:
+        if math.hypot(*path) / elapsed > limit > 0.0:
             velocity = np.full(2, math.nan)
         if name == c.failing and stamp_ns >= c.failure_start * SECOND_NS:
             last = self._last[name].velocity if name in self._last else np.zeros(2)

@@ -158,6 +158,17 @@ def _match(
     shift: IntArray,
     similarity: FloatArray,
 ) -> None:
+    """Match all line pairs of a batch, and write their shifts and correlations.
+
+    Args:
+        batch: lines and their sums.
+        whole: range of shifts to search, and pull towards the previous shift.
+        window: largest change of the shift for which the whole range is not searched [px]; 0 to
+            search the whole range always.
+        before: shift of the previous pair [px], and 1 if it was credible, else 0; changed in place.
+        shift: output, shift of each pair [px], shape (m,).
+        similarity: output, correlation of each pair [1], shape (m,).
+    """
     lines, sums, low, high = batch.lines, batch.sums, whole.low, whole.high
     for pair in range(shift.shape[0]):
         prior = before[0]

@@ -85,10 +85,10 @@ def _means(time: FloatArray, pose: FloatArray) -> tuple[FloatArray, FloatArray]:
     yaw = pose[:-1, 2] + 0.5 * turn
     chord = np.sinc(0.5 * turn / math.pi)  # ratio of chord length to arc length
     cos, sin = np.cos(yaw) / chord, np.sin(yaw) / chord
-    way = np.column_stack(
+    path = np.column_stack(
         (cos * place[:, 0] + sin * place[:, 1], cos * place[:, 1] - sin * place[:, 0], turn)
     )
-    return (0.5 * (time[1:] + time[:-1]))[moving], way[moving] / elapsed[moving, None]
+    return (0.5 * (time[1:] + time[:-1]))[moving], path[moving] / elapsed[moving, None]
 
 
 def _accelerating(time: FloatArray, twist: FloatArray, steady: float = 1.0) -> BoolArray:

@@ -133,8 +133,8 @@ def shade(
         first_line: index of the first line since the start of the run.
     """
     elapsed = (first_line + np.arange(len(grays))) / sensor.line_rate
-    way = 0.35 + configuration.shadow_speed * elapsed / sensor.length  # [lengths of the view]
-    edge = 0.1 + 0.8 * np.abs((way - 0.1) / 0.8 % 2.0 - 1.0)
+    moved = 0.35 + configuration.shadow_speed * elapsed / sensor.length  # [lengths of the view]
+    edge = 0.1 + 0.8 * np.abs((moved - 0.1) / 0.8 % 2.0 - 1.0)
     place = (np.arange(sensor.pixels) + 0.5) / sensor.pixels
     lit = np.clip((place - edge[:, None]) * sensor.length / _PENUMBRA + 0.5, 0.0, 1.0)
     shaded = grays * (1.0 - configuration.shadow * (1.0 - lit)).astype(np.float32)

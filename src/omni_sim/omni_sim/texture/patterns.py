@@ -258,6 +258,17 @@ def _voronoi(
     warped: bool,
     shift: Float32Array,
 ) -> None:
+    """Draw Voronoi cells with borders to some rows of the picture.
+
+    Args:
+        band: these rows, overwritten, shape (rows, texels per period).
+        first_row: index of the first of these rows in the picture.
+        points: as in `Cells`.
+        gray: as in `Cells`.
+        borders: `border_gray` and `border` of `Cells`.
+        warped: whether `shift` is added to the positions of the texels.
+        shift: displacement of each texel along x and y [cells], shape (2, rows, texels).
+    """
     border_gray, border = borders
     texels = band.shape[1]
     cells = len(points)
@@ -305,6 +316,16 @@ def _add_noise(
     column_node: IntArray,
     column_blend: Float32Array,
 ) -> None:
+    """Add noise, interpolated between lattice nodes, to some rows of the picture.
+
+    Args:
+        band: these rows, changed in place, shape (rows, texels per period).
+        lattice: values at the nodes [gray levels], shape (nodes along y, nodes along x).
+        row_node: node before each row, from `_places`, shape (rows,).
+        row_blend: weight of the next node of each row [1], shape (rows,).
+        column_node: node before each column, shape (texels,).
+        column_blend: weight of the next node of each column [1], shape (texels,).
+    """
     rows, cells = lattice.shape
     mixed = np.empty(cells + 1, np.float32)
     for row in range(len(band)):
@@ -342,6 +363,10 @@ def _bent(band: Float32Array, first_row: int, profile: Float32Array, shift: Floa
 
 @kernel
 def _dead_leaves(band: Float32Array, first_row: int, leaves: FloatArray, softness: float) -> None:
+    """Paint ellipses over some rows of the picture.
+
+    The arguments are those of `_bent` and the attributes of `Leaves`.
+    """
     texels = band.shape[1]
     rows = len(band)
     for leaf in range(len(leaves)):

@@ -162,10 +162,10 @@ def compared_runs(path: Path, name: str) -> dict[str, dict[str, Metric]]:
     stops = _named_stops(history, name)
     compared: dict[str, dict[str, Metric]] = {}
     if len(stops) > 1:
-        way = np.sum(np.hypot(*np.diff(history.pose[:, :2], axis=0).T))
+        length = np.sum(np.hypot(*np.diff(history.pose[:, :2], axis=0).T))
         compared[name] = {
             "stops": Metric(len(stops), "1"),
-            "path_length": Metric(float(way), "m"),
+            "path_length": Metric(float(length), "m"),
             **drift.drift_metrics(history),
         }
     for words, stop in stops:
