@@ -8,7 +8,7 @@ from rclpy.publisher import Publisher
 from rclpy.subscription import Subscription
 
 _NAMELESS = "_NODE_NAMESPACE_UNKNOWN_/_NODE_NAME_UNKNOWN_"  # name of a new publisher's node in rcl
-_PERIOD = 0.1  # period of the checks [s]
+_PERIOD = 0.1  # time between two checks of the node's own topics [s]
 
 
 class PublisherGuard:
@@ -18,7 +18,6 @@ class PublisherGuard:
         node: node that observes the graph.
         subscribed: subscriptions of the node that must have only one publisher.
         published: publishers of the node that must be the only ones on their topics.
-        period: time between two checks of `published` [s]; `subscribed` is checked at every call.
     """
 
     def __init__(
