@@ -65,7 +65,7 @@ def arrows_of_the_map() -> dict[str, set[str]]:
     return {name.strip(): set(used[0].split()) if used else set() for name, *used in lines}
 
 
-def test_the_path_from_lines_to_brake_torque_names_existing_files_and_functions() -> None:
+def test_the_paths_through_the_code_name_existing_files_and_functions() -> None:
     text = (WORKSPACE / "CONTRIBUTING.md").read_text(encoding="utf-8")
     block = re.search(r"\nThese functions convert .*?\n\n(1\. .*?)\n\n\|", text, re.DOTALL)
     assert block is not None
