@@ -398,6 +398,7 @@ def _has_law(variant: Any) -> bool:
 
 
 def _variants(document: Mapping[str, Any]) -> Mapping[str, Any]:
+    """Return the variants of an experiment, keyed by name, after a check of their names."""
     if "wheels" in document:
         problem = "this file describes a vehicle; give it as --vehicle or --set vehicle=FILE"
         raise ConfigurationError("experiment", problem)

@@ -168,6 +168,7 @@ def _finite(value: float) -> float | None:
 
 
 def _braking_metrics(history: RunHistory) -> dict[str, Metric]:
+    """Return the metrics of a stop; NaN with a note if the run contains no complete stop."""
     units = dict(_BRAKING_QUANTITIES)
     units |= {f"brake_switchings.{wheel}": "1" for wheel in history.wheel_names}
     start = history.brake_start

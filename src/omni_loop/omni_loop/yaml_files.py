@@ -199,6 +199,7 @@ def commented_yaml(
 
 
 def _lines(values: Mapping[str, Any], notes: Mapping[str, str], prefix: str) -> list[str]:
+    """Return values as lines of YAML, with the notes as comments; both have dotted keys."""
     lines = []
     for name, value in values.items():
         key, inner = f"{prefix}{name}", []

@@ -71,6 +71,7 @@ def _given(node: Node) -> Mapping[str, Parameter]:
 
 
 def _declare(node: Node, key: str, kind: Any, default: Any, descriptor: ParameterDescriptor) -> Any:
+    """Declare a parameter of a node, and return its value; the default if no value is given."""
     doubles = _whole_numbers_as_doubles(_given(node).get(key), kind)
     try:
         if doubles is not None:

@@ -109,6 +109,7 @@ while rclpy.ok() and spare:
 
 
 def _dds(_: Path) -> str:
+    """Check that two nodes on this machine receive each other's messages."""
     from omni_bringup.graph.domain import NoFreeDomainError, reserved_domain
     from omni_ros.environment import node_environment
 

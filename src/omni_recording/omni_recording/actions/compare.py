@@ -108,6 +108,7 @@ def _stamped(decoder: decode.MessageDecoder, path: Path, topic: str) -> Iterator
 
 
 def _compare_pair(result: TopicComparison, one: _Stamped, other: _Stamped) -> None:
+    """Compare two messages with the same stamp, and add the differences to `result`."""
     if one[1].data == other[1].data:
         result.identical += 1
         return

@@ -180,6 +180,7 @@ def _patches(random: np.random.Generator, direction_deg: float) -> Tree:
 
 
 def _sensor(random: np.random.Generator, brake_time: float) -> Tree:
+    """Draw noise, offsets and a fault of the velocity sensor around the start of braking [s]."""
     noisy, failing = random.random() < 0.5, random.random() < 0.3
     noise = _number(random, 0.0, 0.15) if noisy else 0.0
     sensor: Tree = {

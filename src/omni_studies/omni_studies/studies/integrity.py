@@ -230,6 +230,7 @@ def _metrics(
 
 
 def _findings(cells: list[tuple[str, str]], metrics: Mapping[str, Metric]) -> tuple[str, ...]:
+    """Return a sentence on the cases without a fault, and one on those with a fault."""
     findings = []
     for words, faulty in (("Without a fault", False), ("With a fault", True)):
         rates = {

@@ -309,6 +309,7 @@ def _changes(mount: WheelMount) -> Iterator[tuple[str, str, WheelMount]]:
 
 
 def _twist_mistakes(twist: FloatArray, known: FloatArray) -> Iterator[Mistake]:
+    """Yield errors of axes, scale and position of the twist sensor in the three known motions."""
     if not np.all(np.isfinite(twist)):
         return
     forward, left, turn = twist

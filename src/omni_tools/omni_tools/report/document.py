@@ -62,6 +62,7 @@ def report_document(title: str, runs: Sequence[recording.ReportedRun]) -> dict[s
 
 
 def _run(run: recording.ReportedRun) -> dict[str, Any]:
+    """Return the data of one run that the page of the report draws."""
     history = run.history
     stride = math.ceil(len(history.stamp_ns) / _MOST_STAMPS)
     notes = list(run.notes)
