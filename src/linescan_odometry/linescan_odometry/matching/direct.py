@@ -162,7 +162,7 @@ def _match(
 
     Args:
         batch: lines and their sums.
-        whole: range of shifts to search, and pull towards the previous shift.
+        whole: range of shifts to search, and pull toward the previous shift.
         window: largest change of the shift for which the whole range is not searched [px]; 0 to
             search the whole range always.
         before: shift of the previous pair [px], and 1 if it was credible, else 0; changed in place.
