@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from linescan_odometry.joint.fixed_pattern import FixedPattern
+from linescan_odometry.joint.spectra import FixedPattern
 from omni_platform.quantities import BoolArray, FloatArray
 from omni_platform.signals import LineBatchError, Lines
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from linescan_odometry.configuration import OdometryConfiguration
 from linescan_odometry.joint.estimator import JointEstimator
-from linescan_odometry.joint.fixed_pattern import FixedPattern
+from linescan_odometry.joint.spectra import FixedPattern
 from linescan_odometry.measurements import Displacement, SensorReading, Unmeasured
 from linescan_odometry.pair_method import PairsMethod
 from linescan_odometry.plausibility import Plausibility

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from linescan_odometry.configuration import OdometryConfiguration
-from linescan_odometry.joint.fixed_pattern import FixedPattern
+from linescan_odometry.joint.spectra import FixedPattern
 from linescan_odometry.references import References
 from linescan_odometry.sensor import SensorOdometry
 from omni_platform.sensors import LineSensor

@@ -102,7 +102,41 @@ def correlate(lines: Spectrum, fixed: Spectrum) -> Correlation:
             energy = products[f].real ** 2 + products[f].imag ** 2
             coherence = energy / max(power[f] * power[f], 1e-18)
             shared[which, f] = min(max((coherence - noise) / max(1.0 - noise, 1e-9), 0.0), 1.0)
-    return Correlation(lagged, power, spectra.independent(shared, distances, m))
+    return Correlation(lagged, power, independent(shared, distances, m))
+
+
+@spectra.fast
+def independent(square: Floats, distances: NDArray[np.int64], lines: int) -> Floats:
+    """Return the effective number of independent pairs of lines at D line spacings, shape (D, F).
+
+    Texture that remains in view contributes the same product of two lines to several pairs. By
+    Bartlett's formula (1946), N pairs count as ``N / (1 + 2 sum_j (1 - j / N) gamma_j^2)``, where
+    gamma_j is the coherence of lines at a spacing j, interpolated between the given spacings.
+
+    Args:
+        square: square of the coherence at each spacing, shape (D, F).
+        distances: the line spacings [lines], shape (D,).
+        lines: number of lines m.
+    """
+    last = len(distances) - 1
+    number = np.ones(square.shape, np.float32)
+    for which in range(len(distances)):
+        pairs = lines - distances[which]
+        share = np.zeros(len(distances) + 1)  # weights at spacing 0 and at `distances`
+        after = 0
+        for j in range(1, pairs):
+            while after < last and distances[after] < j:
+                after += 1
+            before = distances[after - 1] if after > 0 else 0
+            part = min((j - before) / max(distances[after] - before, 1), 1.0)
+            share[after] += 2.0 * (1.0 - j / pairs) * (1.0 - part)
+            share[after + 1] += 2.0 * (1.0 - j / pairs) * part
+        for f in range(square.shape[1]):
+            total = 1.0 + share[0]
+            for d in range(len(distances)):
+                total += share[d + 1] * square[d, f]
+            number[which, f] = max(pairs, 1) / total
+    return number
 
 
 @linked

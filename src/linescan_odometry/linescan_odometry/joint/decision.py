@@ -7,14 +7,16 @@ pattern, or the mean of all lines, has been subtracted.
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 
 from linescan_odometry.joint import candidates, spectra
 from linescan_odometry.joint.candidates import Correlation, Layout, farthest, spacings
-from linescan_odometry.joint.spectra import Doubles, Floats
+from linescan_odometry.joint.spectra import Doubles, Floats, Spectrum
 from omni_platform.kernels import kernel
 
 # Highest frequency at which candidates are compared [cycles per pixel].
 _COMPARED = 0.5 * spectra.HIGHEST
+_FIRST_BAND, _BAND_GROWTH = 0.002, 1.45  # cycles per pixel; ratio of band edges
 
 
 @kernel
@@ -50,7 +52,7 @@ def colored(logs: Floats, taper: Floats, layout: Layout) -> float:
     pixels = square.sum() ** 2 / max((square * square).sum(), 1e-12)
     # The differences are a moving average of order 1: N of them count as 2 N / 3 independent ones.
     number = pixels / layout.size * (layout.lines - 1) / 1.5
-    edges, total, logarithm = spectra.bands(layout.size), 0.0, 0.0
+    edges, total, logarithm = bands(layout.size), 0.0, 0.0
     for b in range(len(edges) - 1):
         i, j = edges[b], edges[b + 1]
         power = max(transformed[:, i:j].sum(), 1e-9)
@@ -73,10 +75,10 @@ def coherent(rest: Correlation, layout: Layout, displacement: float, which: int)
         which: index of the line spacing in `spacings`.
     """
     size = layout.size
-    edges = spectra.bands(size)
+    edges = bands(size)
     edges = edges[edges <= _COMPARED * size]
     shift = np.full(1, spacings(layout.lines)[which] * displacement)
-    turn = spectra.phases(shift, size, edges[-1])[0]
+    turn = phases(shift, size, edges[-1])[0]
     value, gain = rest.lagged[which], np.empty(edges[-1], np.float32)
     for f in range(len(gain)):
         gain[f] = value[f].real * turn[f].real - value[f].imag * turn[f].imag
@@ -89,6 +91,46 @@ def coherent(rest: Correlation, layout: Layout, displacement: float, which: int)
         number = overlap**2 * spectra.sum_of(rest.number[which, i:j]) * layout.pixels / size
         total -= 0.5 * number * math.log1p(-coherence * coherence)
     return total
+
+
+@spectra.fast
+def bands(size: int) -> NDArray[np.int64]:
+    """Return the edges of B frequency bands [bins of a transform of `size` px], shape (B + 1,)."""
+    use = int(spectra.HIGHEST * size)
+    edges = np.empty(64, np.int64)
+    edges[0], count = 1, 1
+    edge = _FIRST_BAND * size
+    while edge < use - 4:
+        if round(edge) > edges[count - 1]:
+            edges[count] = round(edge)
+            count += 1
+        edge *= _BAND_GROWTH
+    edges[count] = use
+    return edges[: count + 1]
+
+
+@spectra.fast
+def phases(paths: Doubles, size: int, count: int) -> Spectrum:
+    """Return ``exp(-2 pi i f X_k)`` at the lowest frequencies f of a transform, shape (m, count).
+
+    Args:
+        paths: displacement X_k of each line [px], shape (m,).
+        size: size of the transform [px].
+        count: number of bins.
+    """
+    turned = np.empty((len(paths), count), np.complex64)
+    for k in range(len(paths)):
+        angle = -2.0 * math.pi * paths[k] / size
+        factor = complex(math.cos(angle), math.sin(angle))
+        row, known = turned[k], 1
+        row[0] = 1.0
+        while known < count:  # each pass doubles the number of bins
+            ahead, after = np.complex64(factor), row[known:]
+            for f in range(min(known, len(after))):
+                after[f] = row[f] * ahead
+            known *= 2
+            factor *= factor
+    return turned
 
 
 @kernel
@@ -121,7 +163,7 @@ def turning(rest: Correlation, layout: Layout) -> float:
         rest: correlations between the lines.
         layout: sizes of the batch.
     """
-    edges = spectra.bands(layout.size)
+    edges = bands(layout.size)
     edges = edges[edges <= _COMPARED * layout.size]
     largest = 0.0
     for which in range(candidates.SPACINGS):
@@ -139,47 +181,6 @@ def turning(rest: Correlation, layout: Layout) -> float:
             total -= 0.5 * number * math.log1p(-coherence * coherence)
         largest = max(largest, total)
     return largest
-
-
-@kernel
-def scatter(
-    rest: Correlation, layout: Layout, displacement: float, limits: tuple[float, float]
-) -> float:
-    """Return the variance [px^2] of a displacement due to rivals, which are similarly likely.
-
-    The rivals are zero displacement, and displacements that differ from the given one by 1 px to
-    `APART` px. In each direction, the search for rivals ends at the first displacement that is too
-    unlikely. Rivals occur on smooth ground. There, zero displacement is nearly as likely as slow
-    motion, and one peak of the likelihood is several pixels wide and has many small maxima. The
-    curvature at the largest maximum then does not give the variance.
-
-    Args:
-        rest: correlations between the lines.
-        layout: sizes of the batch.
-        displacement: displacement per line [px].
-        limits: two numbers. The first is the loss of log-likelihood at which a rival is excluded
-            [nats]. The second is the factor on this loss in the weight of a rival [1]; it is below
-            1 because neighboring frequencies are not independent.
-    """
-    excluded, share = limits
-    last = farthest(displacement, layout)
-    own = np.zeros(last + 1)
-    for which in range(last + 1):
-        own[which] = coherent(rest, layout, displacement, which)
-    away = np.arange(1.0, candidates.APART + 1.0)
-    total, moment = 1.0, 0.0
-    for rivals in (np.zeros(1), displacement - away, displacement + away):
-        for rival in rivals:
-            loss, which = 0.0, last
-            while which >= 0 and loss < excluded:
-                other = coherent(rest, layout, rival, which)
-                loss, which = max(loss, own[which] - other), which - 1
-            if loss >= excluded:
-                break
-            weight = math.exp(-share * loss)
-            total += weight
-            moment += weight * (rival - displacement) ** 2
-    return moment / total
 
 
 @kernel

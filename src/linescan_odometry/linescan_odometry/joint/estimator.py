@@ -5,9 +5,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from linescan_odometry.joint import candidates, decision, fixed_pattern, spectra
-from linescan_odometry.joint.fit import Fit, assess
-from linescan_odometry.joint.likelihood import expand
+from linescan_odometry.joint import candidates, decision, spectra
+from linescan_odometry.joint.covariance import observe
+from linescan_odometry.joint.fit import Fit, assess, scatter
+from linescan_odometry.joint.likelihood import expand, window, without
 from linescan_odometry.matching.transforms import load_transforms, transform_size
 from linescan_odometry.measurements import Displacement, Unmeasured
 from linescan_odometry.plausibility import Plausibility
@@ -46,7 +47,7 @@ class Estimate(NamedTuple):
     reason: str
     rest: spectra.Floats
     coherence: float
-    pattern: fixed_pattern.FixedPattern
+    pattern: spectra.FixedPattern
 
 
 class _Camera(NamedTuple):
@@ -124,7 +125,7 @@ class JointEstimator:
         sensor: LineSensor,
         limit: int,
         non_uniformity: float = LineSensor.non_uniformity,
-        pattern: fixed_pattern.FixedPattern | None = None,
+        pattern: spectra.FixedPattern | None = None,
     ) -> None:
         """Create the estimator of one camera.
 
@@ -139,14 +140,14 @@ class JointEstimator:
         self._limit = limit
         self._size = int(transform_size(2 * sensor.pixels))  # no shift wraps around
         bins = int(spectra.HIGHEST * self._size)
-        taper = spectra.window(sensor.pixels)
+        taper = window(sensor.pixels)
         self._table = spectra.log_table()
         power = non_uniformity**2 * float((taper**2).sum())
         stated = 1.0 / power if power > 0.0 else math.inf
         weight = candidates.band_pass(self._size, bins)
         change = _ACCELERATION / (sensor.line_rate**2 * sensor.pixel_pitch)
         self._camera = _Camera(taper, weight, stated, change)
-        unknown = fixed_pattern.FixedPattern(np.zeros(bins, np.complex64), np.zeros(bins))
+        unknown = spectra.FixedPattern(np.zeros(bins, np.complex64), np.zeros(bins))
         self.pattern = unknown if pattern is None else pattern
         self._last = math.nan
 
@@ -174,7 +175,7 @@ class JointEstimator:
         m, n = lines.shape
         layout = candidates.Layout(m, n, self._size, self._limit)
         lines = lines.astype(np.uint16)  # the kernels are compiled for one depth
-        repaired = fixed_pattern.without_defects(lines)
+        repaired = spectra.without_defects(lines)
         estimate = _estimate(
             lines, repaired, self._table, self._camera, self.pattern, layout, self._last
         )
@@ -190,7 +191,7 @@ def _estimate(
     repaired: Lines,
     table: spectra.Floats,
     camera: _Camera,
-    pattern: fixed_pattern.FixedPattern,
+    pattern: spectra.FixedPattern,
     layout: candidates.Layout,
     last: float,
 ) -> Estimate:
@@ -207,19 +208,19 @@ def _estimate(
     """
     logs = spectra.logarithms(repaired, table)
     transformed = spectra.spectra_of(logs, camera.taper, layout.size)
-    known = fixed_pattern.shrink(pattern.information, pattern.precision)
+    known = spectra.shrink(pattern.information, pattern.precision)
     mean = transformed.sum(axis=0) / np.float32(layout.lines)
     usual = candidates.correlate(transformed, known)
     varying = candidates.correlate(transformed, mean)
     found = candidates.find((usual, varying), layout, camera.weight, last)
-    remainder = varying if layout.lines >= fixed_pattern.FEWEST_LINES else usual
+    remainder = varying if layout.lines >= spectra.FEWEST_LINES else usual
     view = _View(lines, table, logs, transformed, mean, known, found, usual, remainder)
     d, moves, flaw = _choose(view, camera, layout)
     if flaw:
         return Estimate(d, math.inf, flaw, view.logs, 0.0, pattern)
     # At rest, and with few lines, ground and pattern cannot be separated. The prior of the pattern
     # then determines the split.
-    parted = moves and layout.lines >= fixed_pattern.FEWEST_LINES
+    parted = moves and layout.lines >= spectra.FEWEST_LINES
     best = _maximize(view, camera, pattern, layout, d, parted)
     if not np.isfinite(best.motion).all():
         flaw = "no maximum of the likelihood"
@@ -231,10 +232,10 @@ def _estimate(
     if parted and not flaw:
         # The weight of earlier batches decays exponentially.
         kept = np.float32(1.0 - 1.0 / _MEMORY)
-        pattern = fixed_pattern.FixedPattern(
+        pattern = spectra.FixedPattern(
             pattern.information * kept + best.information, pattern.precision * kept + best.precision
         )
-        variance += decision.scatter(view.remainder, layout, d, (_LIKELY, _RATIO))
+        variance += scatter(view.remainder, layout, d, (_LIKELY, _RATIO))
     return Estimate(d, variance, flaw, best.rest, fit.coherence, pattern)
 
 
@@ -287,7 +288,7 @@ def _choose(view: _View, camera: _Camera, layout: candidates.Layout) -> tuple[fl
 def _maximize(
     view: _View,
     camera: _Camera,
-    learned: fixed_pattern.FixedPattern,
+    learned: spectra.FixedPattern,
     layout: candidates.Layout,
     start: float,
     parted: bool,
@@ -312,11 +313,11 @@ def _maximize(
     for number in range(candidates.APART):
         if parted:
             paths = motion[0] * kappa + motion[1] * 0.5 * kappa**2
-            information, batch = fixed_pattern.observe(view.spectra, removed, paths, layout.size)
+            information, batch = observe(view.spectra, removed, paths, layout.size)
             together = learned.information + information
-            before = learned.precision + fixed_pattern.prior(together, learned.precision + batch)
-            pattern = fixed_pattern.posterior(together, before + batch)
-        rest = spectra.without(view.logs, pattern, camera.taper, layout.size)
+            before = learned.precision + spectra.prior(together, learned.precision + batch)
+            pattern = spectra.posterior(together, before + batch)
+        rest = without(view.logs, pattern, camera.taper, layout.size)
         removed = pattern
         here = expand(rest, fixed, motion, layout.limit, camera.spread)
         motion = motion + here.step

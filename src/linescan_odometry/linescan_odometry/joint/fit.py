@@ -10,7 +10,8 @@ motion across the axis, oblique texture seems to drift along the axis, and textu
 sizes drift differently. By the formula of Cameron, Gelbach and Miller (2011), B is the covariance
 with correlations between segments, plus the one with correlations within bands, minus the one
 without correlations.
-The sandwich is valid even if the noise is not white and the model is not exact.
+The sandwich is valid even if the noise is not white and the model is not exact. Displacements that
+are nearly as likely as the maximum increase the variance further.
 """
 
 import math
@@ -19,7 +20,10 @@ from typing import NamedTuple
 import numpy as np
 
 from linescan_odometry.joint import spectra
-from linescan_odometry.joint.likelihood import Cut, Expansion
+from linescan_odometry.joint.candidates import APART, Correlation, Layout, farthest
+from linescan_odometry.joint.covariance import LEAST_NOISE, whiten
+from linescan_odometry.joint.decision import coherent
+from linescan_odometry.joint.likelihood import Cut, Expansion, window
 from linescan_odometry.joint.spectra import Doubles, Floats, Spectrum
 from linescan_odometry.matching.transforms import transform_size
 from omni_platform.kernels import kernel, linked
@@ -71,7 +75,7 @@ def _shared(cut: Cut) -> float:
 @kernel
 def _gain(cut: Cut) -> float:
     """Return the gradient energy of a line of white noise with variance 1."""
-    taper = spectra.window(cut.length)
+    taper = window(cut.length)
     own = 0.0
     for i in range(len(taper)):
         own += taper[i] * taper[i]
@@ -118,7 +122,7 @@ def assess(lines: Floats, here: Expansion) -> Fit:
     contrast = _shared(cut) / max(_noise(lines) * _gain(cut), 1e-12)
     weight, information = np.zeros(cut.spectra.shape[1]), np.zeros(len(edges) - 1)
     for b in range(len(edges) - 1):
-        gamma = min(moments[1, b] / moments[0, b], 1.0 - spectra.LEAST_NOISE)
+        gamma = min(moments[1, b] / moments[0, b], 1.0 - LEAST_NOISE)
         weight[edges[b] : edges[b + 1]] = math.sqrt(gamma / ((1.0 - gamma * gamma) * moments[0, b]))
         rate = here.model.rate[edges[b] : edges[b + 1]]
         information[b] = gamma * gamma / (1.0 - gamma * gamma) * (rate * rate).sum()
@@ -213,7 +217,7 @@ def _moved(here: Expansion) -> tuple[Spectrum, float]:
     white = np.zeros_like(cut.spectra)
     for block in range(len(cut.first) - 1):
         i, j = cut.first[block], cut.first[block + 1]
-        spectra.whiten(half[i:j] * cut.spectra[i:j], model.edges, model.bands, white[i:j])
+        whiten(half[i:j] * cut.spectra[i:j], model.edges, model.bands, white[i:j])
     moved = half * here.white - white
     curvature = 0.0
     for r in range(len(moved)):
@@ -298,3 +302,44 @@ def _summed(space: Floats, first: int, end: int, seen: int) -> Floats:
             for i in range(seen):
                 shift[i] += half * (before[i] * texture[i] - energy[i] * older[i])
     return sums
+
+
+@kernel
+def scatter(
+    rest: Correlation, layout: Layout, displacement: float, limits: tuple[float, float]
+) -> float:
+    """Return the variance [px^2] of a displacement due to rivals, which are similarly likely.
+
+    The rivals are zero displacement, and displacements that differ from the given one by 1 px to
+    `APART` px. In each direction, the search for rivals ends at the first displacement that is too
+    unlikely. Rivals occur on smooth ground. There, zero displacement is nearly as likely as slow
+    motion, and one peak of the likelihood is several pixels wide and has many small maxima. The
+    curvature at the largest maximum then does not give the variance.
+
+    Args:
+        rest: correlations between the lines.
+        layout: sizes of the batch.
+        displacement: displacement per line [px].
+        limits: two numbers. The first is the loss of log-likelihood at which a rival is excluded
+            [nats]. The second is the factor on this loss in the weight of a rival [1]; it is below
+            1 because neighboring frequencies are not independent.
+    """
+    excluded, share = limits
+    last = farthest(displacement, layout)
+    own = np.zeros(last + 1)
+    for which in range(last + 1):
+        own[which] = coherent(rest, layout, displacement, which)
+    away = np.arange(1.0, APART + 1.0)
+    total, moment = 1.0, 0.0
+    for rivals in (np.zeros(1), displacement - away, displacement + away):
+        for rival in rivals:
+            loss, which = 0.0, last
+            while which >= 0 and loss < excluded:
+                other = coherent(rest, layout, rival, which)
+                loss, which = max(loss, own[which] - other), which - 1
+            if loss >= excluded:
+                break
+            weight = math.exp(-share * loss)
+            total += weight
+            moment += weight * (rival - displacement) ** 2
+    return moment / total

@@ -17,9 +17,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from linescan_odometry.joint import spectra
+from linescan_odometry.joint.covariance import covariance, pivots, whiten
+from linescan_odometry.joint.decision import bands, phases
 from linescan_odometry.joint.spectra import Doubles, Floats, Spectrum
 from linescan_odometry.matching.transforms import transform_size
 from omni_platform.kernels import kernel, linked
+
+_TAPER = 16  # each end of a line is tapered by a raised cosine over 1/16 of its length
+_LEAST_TAPER = 0.2  # smallest taper by which a pattern is divided near the ends of a line
 
 
 class _Model(NamedTuple):
@@ -81,6 +86,24 @@ class Expansion(NamedTuple):
     inverse: Doubles
 
 
+@linked
+@kernel
+def without(logs: Floats, pattern: Spectrum, taper: Floats, size: int) -> Floats:
+    """Return the logarithm of lines after subtraction of a fixed pattern, shape (m, n).
+
+    Args:
+        logs: logarithm of the gray levels, shape (m, n).
+        pattern: spectrum of the tapered logarithm of the pattern, shape (F,).
+        taper: factor of each pixel in `pattern`, shape (n,).
+        size: length of the Fourier transform [px].
+    """
+    whole = np.zeros(size // 2 + 1, np.complex64)
+    whole[: len(pattern)] = pattern
+    fixed = np.fft.irfft(whole, size)[: logs.shape[1]] / np.maximum(taper, _LEAST_TAPER)
+    rest: Floats = logs - fixed.astype(np.float32)
+    return rest
+
+
 @kernel
 def _cut(lines: Floats, paths: Doubles, limit: int) -> Cut:
     """Return the lines, grouped into blocks and cut to the ground that the lines of a block share.
@@ -115,7 +138,7 @@ def _cut(lines: Floats, paths: Doubles, limit: int) -> Cut:
     size = transform_size(max(length, 16))
     part, fraction = np.zeros((row, size), np.float32), np.zeros(row)
     if length > 0:
-        taper = spectra.window(length)
+        taper = window(length)
         for block in range(blocks):
             start = paths[line[first[block]]]
             for r in range(first[block], first[block + 1]):
@@ -127,8 +150,20 @@ def _cut(lines: Floats, paths: Doubles, limit: int) -> Cut:
                 for i in range(length):
                     out[i] = (own[i] - mean) * taper[i]
     cut: Any = np.fft.rfft(part, size, 1)[:, : int(spectra.HIGHEST * size)].copy()
-    cut *= spectra.phases(fraction, size, cut.shape[1])
+    cut *= phases(fraction, size, cut.shape[1])
     return Cut(cut, line, first, ground, length, size)
+
+
+@spectra.fast
+def window(length: int) -> Floats:
+    """Return a taper: a factor for each pixel, with cosine flanks, shape (length,)."""
+    taper = np.ones(length, np.float32)
+    flank = max(1, length // _TAPER)
+    for i in range(flank):
+        value = np.float32(0.5 - 0.5 * math.cos(math.pi * (i + 0.5) / flank))
+        taper[i] = value
+        taper[length - 1 - i] = value
+    return taper
 
 
 @kernel
@@ -145,7 +180,7 @@ def _slopes(cut: Cut, model: _Model) -> tuple[Spectrum, Doubles]:
     white = np.zeros_like(cut.spectra)
     for block in range(len(cut.first) - 1):
         i, j = cut.first[block], cut.first[block + 1]
-        spectra.whiten(cut.spectra[i:j], model.edges, model.bands, white[i:j])
+        whiten(cut.spectra[i:j], model.edges, model.bands, white[i:j])
     slopes, sums = np.zeros(2), np.zeros((2, len(model.rate)), np.float32)
     for r in range(len(white)):
         by_d = np.float32(model.along[0, cut.line[r]])
@@ -182,7 +217,7 @@ def _information(cut: Cut, model: _Model) -> Doubles:
         inverse = np.empty((j - i, len(rho)))
         for b in range(len(rho)):
             pivot = np.empty(j - i)
-            off[b] = spectra.pivots(model.bands[:, b], pivot)
+            off[b] = pivots(model.bands[:, b], pivot)
             inverse[:, b] = pivot
         total += _trace(model.along[:, cut.line[i:j]], off, inverse, rho, share)
     return total
@@ -241,10 +276,10 @@ def expand(lines: Floats, fixed: Doubles, motion: Doubles, limit: int, spread: f
     along[1] = 0.5 * along[0] ** 2
     paths = motion[0] * along[0] + motion[1] * along[1]
     cut = _cut(lines, paths, limit)
-    edges = spectra.bands(cut.size)
+    edges = bands(cut.size)
     rate = 2.0 * math.pi * np.arange(cut.spectra.shape[1]) / cut.size
     power = fixed[np.arange(len(rate)) * len(fixed) // len(rate)] * cut.length / n
-    covariances, moments = spectra.covariance(cut.spectra, cut.first, edges, power)
+    covariances, moments = covariance(cut.spectra, cut.first, edges, power)
     model = _Model(edges, covariances, rate, along)
     white, slopes = _slopes(cut, model)
     slopes[1] -= motion[1] / spread**2

@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 
 from linescan_odometry.configuration import OdometryConfiguration
-from linescan_odometry.joint import candidates, decision
+from linescan_odometry.joint import candidates
+from linescan_odometry.joint.covariance import whiten
 from linescan_odometry.joint.estimator import JointEstimator
-from linescan_odometry.joint.fit import _moved, assess
-from linescan_odometry.joint.fixed_pattern import prior, without_defects
+from linescan_odometry.joint.fit import _moved, assess, scatter
 from linescan_odometry.joint.likelihood import Expansion, expand
-from linescan_odometry.joint.spectra import independent, whiten
+from linescan_odometry.joint.spectra import prior, without_defects
 from linescan_odometry.matching.transforms import load_transforms
 from linescan_odometry.odometry import LineScanOdometry
 from linescan_odometry.sensor import SensorOdometry
@@ -272,7 +272,7 @@ def test_texture_common_to_many_lines_counts_as_few_pairs() -> None:
         series[..., k] = coherence * series[..., k - 1] + fresh[..., k]
     product = (series[0] * series[1])[:, :number].mean(axis=1)  # of unrelated lines
     square = (coherence ** (2.0 * distances)).astype(np.float32)[:, None]
-    effective = independent(square, distances, lines)[lines - number - 1, 0]
+    effective = candidates.independent(square, distances, lines)[lines - number - 1, 0]
     assert effective == pytest.approx(1.0 / np.var(product), rel=0.1)
 
 
@@ -430,12 +430,12 @@ def test_the_variance_due_to_rivals_is_that_of_equally_likely_displacements(
     layout = candidates.Layout(26, 512, 1024, 256)
     away = np.arange(-candidates.APART, candidates.APART + 1.0)
     differences = np.array([-displacement, *away])
-    equal = decision.scatter(rest, layout, displacement, (math.inf, 0.0))
+    equal = scatter(rest, layout, displacement, (math.inf, 0.0))
     assert equal == pytest.approx(np.mean(differences**2))
-    assert decision.scatter(rest, layout, displacement, (0.0, 0.0)) == 0.0
+    assert scatter(rest, layout, displacement, (0.0, 0.0)) == 0.0
     # From 3 px, the search finds 2 to -3 px, which are at least as near to rest; then rest itself.
     differences = np.array([0.0, -3.0, -1.0, -2.0, -3.0, -4.0, -5.0, -6.0])
-    variance = decision.scatter(rest, layout, 3.0, (1e-3, 0.0))
+    variance = scatter(rest, layout, 3.0, (1e-3, 0.0))
     assert variance == pytest.approx(np.mean(differences**2))
 
 

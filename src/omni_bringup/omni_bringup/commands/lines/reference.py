@@ -21,7 +21,7 @@ from omni_platform.configuration import ConfigurationError
 
 if TYPE_CHECKING:
     from linescan_odometry.configuration import OdometryConfiguration
-    from linescan_odometry.joint.fixed_pattern import FixedPattern
+    from linescan_odometry.joint.spectra import FixedPattern
     from linescan_odometry.references import References
     from omni_platform.signals import LineBatch, Lines
 
