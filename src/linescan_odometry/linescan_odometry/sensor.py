@@ -22,7 +22,6 @@ from linescan_odometry.plausibility import Plausibility
 from linescan_odometry.references import References
 from linescan_odometry.unsuitable_views import Keyframe
 from omni_platform.background import in_background
-from omni_platform.kernels import lean
 from omni_platform.sensors import LineSensor
 from omni_platform.signals import LineBatch, Lines
 
@@ -78,8 +77,7 @@ class LineChain:
         self._pixels = sensor.pixels
         self._rate = sensor.line_rate
         self._period_ns = 1e9 / sensor.line_rate
-        self._buffer: Lines = np.empty((0, sensor.pixels), np.uint8)
-        self._last_row = -1
+        self._last: Lines | None = None
         self._last_ns: int | None = None
         self.stretch = 0.0
         self.remark = ""
@@ -88,7 +86,7 @@ class LineChain:
 
     def reset(self) -> None:
         """Discard the stored line; the next batch starts a new chain."""
-        self._last_row = -1
+        self._last = None
         self._last_ns = None
         self._late = 0.0
 
@@ -129,7 +127,7 @@ class LineChain:
             batch: at least one line, with the configured number of pixels.
 
         Returns:
-            Lines, oldest first, shape (m, n); the next call overwrites the array.
+            Copy of the lines, oldest first, shape (m, n).
 
         Raises:
             Unmeasured: the stamp is older than the stamp of the previous batch, or the batch
@@ -148,40 +146,41 @@ class LineChain:
                     f"time: the stamp is {-elapsed:.3g} line periods older than that of the "
                     "previous batch; batches are swapped"
                 )
-        last = self._buffer[self._last_row] if self._last_row >= 0 else None
+        last = self._last
         if last is not None and count > 1 and elapsed:
             repeated = np.array_equal(last, lines[-1]) and not np.array_equal(lines[-2], lines[-1])
             if repeated:
                 self._last_ns = batch.stamp_ns
                 raise Unmeasured("time: the lines of the previous batch were repeated")
         late = 0.0 if elapsed is None else elapsed - count
-        same_type = last is not None and last.dtype == lines.dtype
-        joined = same_type and abs(late) < 0.5
-        self.joined = joined
-        self._keep(lines, joined=joined)
+        self.joined = last is not None and last.dtype == lines.dtype and abs(late) < 0.5
+        chain: Lines = lines.copy()
+        if last is not None and self.joined:
+            chain = np.insert(lines, 0, last, axis=0)
+        self._last = chain[-1]
         self._last_ns = batch.stamp_ns
         self.stretch, self.remark = 0.0, ""
-        if elapsed is not None and self._contradicts(late, elapsed, count, joined=joined):
+        if elapsed is not None and self._contradicts(late, elapsed, count):
             self.stretch = abs(late) / count
             self.remark = (
                 f"time: {count} lines in {elapsed:.4g} periods of {self._rate:g} lines/s: lines "
                 "are lost or repeated, or the line rate is wrong"
             )
-        return self._buffer[0 if joined else 1 : count + 1]
+        return chain
 
-    def _contradicts(self, late: float, elapsed: float, count: int, *, joined: bool) -> bool:
+    def _contradicts(self, late: float, elapsed: float, count: int) -> bool:
         """Return whether the time since the last batch contradicts the number of lines.
 
-        A batch that is missing as a whole, or that was delivered twice, is no contradiction.
+        A batch that is missing as a whole, or that was delivered twice, is no contradiction. If the
+        batch follows the previous one without a gap, `late` is added to a decaying sum, which is
+        checked; otherwise only this batch is checked.
 
         Args:
             late: `elapsed` minus `count` [line periods].
             elapsed: time since the last batch [line periods].
             count: number of lines in the batch.
-            joined: whether the batch follows the previous one without a gap. If so, `late` is added
-                to a decaying sum, which is checked; otherwise only this batch is checked.
         """
-        if joined:
+        if self.joined:
             self._late += late
             drifted = abs(self._late) >= 1.0
             # Errors due to stamp jitter cancel over time; those due to a wrong rate accumulate.
@@ -190,24 +189,6 @@ class LineChain:
         self._late = 0.0
         again = elapsed == 0.0  # the batch was delivered twice, which is no fault
         return not again and count > 1 and late < _WHOLE * count
-
-    def _keep(self, lines: Lines, *, joined: bool) -> None:
-        """Store the lines of a batch in the buffer, starting at row 1.
-
-        Args:
-            lines: lines of the batch.
-            joined: whether the lines follow the previous batch without a gap. If so, the last line
-                of the previous batch is stored in row 0.
-        """
-        count = len(lines)
-        last = self._buffer[self._last_row].copy() if joined else None
-        if self._buffer.dtype != lines.dtype or len(self._buffer) < count + 1:
-            grown: Lines = np.empty((count + 1, self._pixels), lines.dtype)
-            self._buffer = grown
-        if last is not None:
-            self._buffer[0] = last
-        self._buffer[1 : count + 1] = lines
-        self._last_row = count
 
 
 class SensorOdometry:
@@ -354,18 +335,6 @@ def _check(lines: Lines) -> None:
     low = int(lines.min())
     if low == int(lines.max()):
         raise Unmeasured(f"no contrast: every pixel is at gray level {low}")
-    frozen: int = _count_identical(lines)
+    frozen = np.count_nonzero((lines[1:] == lines[:-1]).all(axis=1))
     if frozen >= _FROZEN_PAIRS:
         raise Unmeasured(f"frozen: {frozen} of {len(lines) - 1} line pairs are identical")
-
-
-@lean
-def _count_identical(lines: Lines) -> int:
-    """Return the number of lines that equal the line before them."""
-    count = 0
-    for row in range(1, lines.shape[0]):
-        i = 0
-        while i < lines.shape[1] and lines[row, i] == lines[row - 1, i]:
-            i += 1
-        count += i == lines.shape[1]
-    return count
