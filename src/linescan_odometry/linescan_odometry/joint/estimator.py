@@ -206,7 +206,7 @@ def _estimate(
         layout: sizes of the batch.
         last: displacement per line in the previous batch [px]; NaN without a previous batch.
     """
-    logs = spectra.logarithms(repaired, table)
+    logs = np.take(table, repaired)
     transformed = spectra.spectra_of(logs, camera.taper, layout.size)
     known = spectra.shrink(pattern.information, pattern.precision)
     mean = transformed.sum(axis=0) / np.float32(layout.lines)
@@ -271,8 +271,7 @@ def _choose(view: _View, camera: _Camera, layout: candidates.Layout) -> tuple[fl
     if (
         len(static) > 0
         and (not moves or decision.turning(remainder, layout) < limit)
-        and decision.colored(spectra.logarithms(view.recorded, view.table), camera.taper, layout)
-        < limit
+        and decision.colored(np.take(view.table, view.recorded), camera.taper, layout) < limit
     ):
         c = found[static[int(np.argmax(evidence[static]))]]
         own = decision.coherent(decision.against_noise(view.usual, layout), layout, c, 0)
@@ -315,8 +314,7 @@ def _maximize(
             paths = motion[0] * kappa + motion[1] * 0.5 * kappa**2
             information, batch = observe(view.spectra, removed, paths, layout.size)
             together = learned.information + information
-            before = learned.precision + spectra.prior(together, learned.precision + batch)
-            pattern = spectra.posterior(together, before + batch)
+            pattern = spectra.shrink(together, learned.precision + batch)
         rest = without(view.logs, pattern, camera.taper, layout.size)
         removed = pattern
         here = expand(rest, fixed, motion, layout.limit, camera.spread)

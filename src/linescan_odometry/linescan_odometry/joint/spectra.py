@@ -125,26 +125,11 @@ def _defects(lines: Lines) -> NDArray[np.int64]:
 
 
 def log_table() -> Floats:
-    """Return the logarithm of each gray level, shape (2^16,); level 0 counts as level 1."""
-    return np.log(np.maximum(np.arange(1 << 16), 1)).astype(np.float32)
-
-
-@linked
-@kernel
-def logarithms(lines: Lines, table: Floats) -> Floats:
-    """Return the logarithm of the gray levels of lines, shape (m, n).
+    """Return the logarithm of each gray level, shape (2^16,); level 0 counts as level 1.
 
     The logarithm converts the unknown gain of a pixel to an offset.
-
-    Args:
-        lines: gray levels, shape (m, n).
-        table: logarithm of each gray level.
     """
-    logs = np.empty(lines.shape, np.float32)
-    for k in range(lines.shape[0]):
-        for i in range(lines.shape[1]):
-            logs[k, i] = table[lines[k, i]]
-    return logs
+    return np.log(np.maximum(np.arange(1 << 16), 1)).astype(np.float32)
 
 
 @linked
@@ -183,46 +168,24 @@ def sum_of(values: Floats) -> float:
 @linked
 @kernel
 def shrink(information: Spectrum, precision: Doubles) -> Spectrum:
-    """Return the mean of a pattern, reduced at frequencies where it is mostly noise, shape (F,).
+    """Return the posterior mean of a pattern, whose prior variance is its power, shape (F,).
+
+    The power is that of the estimated pattern minus that of its error (empirical Bayes). If the
+    power is not significant, the pattern is assumed to be 0: a pattern that absorbs part of the
+    ground texture would bias slow displacements away from 0.
 
     Args:
         information: precision times mean, shape (F,).
         precision: precision at each frequency, 0 without information, shape (F,).
     """
-    mean = posterior(information, precision)
-    gain = _power(mean, precision) * precision
-    shrunk: Spectrum = mean * (gain / (gain + 1.0)).astype(np.float32)
-    return shrunk
-
-
-@linked
-@kernel
-def posterior(information: Spectrum, precision: Doubles) -> Spectrum:
-    """Return the posterior mean of a pattern, which is 0 without information, shape (F,)."""
-    mean = np.zeros(len(precision), np.complex64)
+    mean, excess = np.zeros(len(precision), np.complex64), np.zeros(len(precision))
     for f in range(len(precision)):
         if precision[f] > 0.0:
             mean[f] = information[f] / np.float32(precision[f])
-    return mean
-
-
-@kernel
-def _power(mean: Spectrum, precision: Doubles) -> Doubles:
-    """Return the power of a pattern minus the power of its estimation error, shape (F,).
-
-    Where the difference would be negative, the power is 0.
-
-    Args:
-        mean: estimated spectrum of the pattern at each frequency, shape (F,).
-        precision: precision of the estimate, 0 without information, shape (F,).
-    """
-    excess = np.zeros(len(precision))
-    for f in range(len(precision)):
-        if precision[f] > 0.0:
-            square = mean[f].real * mean[f].real + mean[f].imag * mean[f].imag
-            excess[f] = square - 1.0 / precision[f]
-    power: Doubles = np.maximum(smoothed(excess), 0.0)
-    return power
+            excess[f] = mean[f].real ** 2 + mean[f].imag ** 2 - 1.0 / precision[f]
+    gain = np.maximum(smoothed(excess), 0.0) * precision
+    shrunk: Spectrum = mean * (gain / (gain + 1.0)).astype(np.float32)
+    return shrunk
 
 
 @fast
@@ -237,23 +200,3 @@ def smoothed(values: Doubles) -> Doubles:
         first, last = max(0, i - _SMOOTHED), min(count, i + _SMOOTHED + 1)
         mean[i] = (total[last] - total[first]) / (2 * _SMOOTHED + 1)
     return mean
-
-
-@linked
-@kernel
-def prior(information: Spectrum, precision: Doubles) -> Doubles:
-    """Return the prior precision of a pattern from its power (empirical Bayes), shape (F,).
-
-    If the power is not significant, the precision is infinite: the pattern is assumed to be 0. A
-    pattern that absorbs part of the ground texture would bias slow displacements away from 0.
-
-    Args:
-        information: precision times mean, shape (F,).
-        precision: precision at each frequency, 0 without information, shape (F,).
-    """
-    power = _power(posterior(information, precision), precision)
-    result = np.full(len(power), math.inf)
-    for f in range(len(power)):
-        if power[f] > 0.0:
-            result[f] = 1.0 / power[f]
-    return result

@@ -16,7 +16,7 @@ from linescan_odometry.joint.covariance import whiten
 from linescan_odometry.joint.estimator import JointEstimator
 from linescan_odometry.joint.fit import _moved, assess, scatter
 from linescan_odometry.joint.likelihood import Expansion, expand
-from linescan_odometry.joint.spectra import prior, without_defects
+from linescan_odometry.joint.spectra import shrink, without_defects
 from linescan_odometry.matching.transforms import load_transforms
 from linescan_odometry.odometry import LineScanOdometry
 from linescan_odometry.sensor import SensorOdometry
@@ -281,9 +281,11 @@ def test_the_error_of_a_mean_does_not_count_as_a_pattern() -> None:
     precision = np.full(600, 4.0)
     error = 0.5 * (generator.normal(size=600) + 1j * generator.normal(size=600)) / math.sqrt(2.0)
     pattern = generator.normal(size=600) + 1j * generator.normal(size=600)
-    for truth, lowest, highest in ((0.0, 20.0, math.inf), (1.0, 0.4, 0.6)):
-        information = (precision * (truth * pattern + error)).astype(np.complex64)
-        assert lowest <= np.median(prior(information, precision)) <= highest
+    # The power of the pattern is 2, so 1 / (1 + 1 / (2 * 4)) of its mean remains.
+    for truth, lowest, highest in ((0.0, 0.0, 0.17), (1.0, 0.87, 0.91)):
+        mean = (truth * pattern + error).astype(np.complex64)
+        shrunk = shrink((precision * mean).astype(np.complex64), precision)
+        assert lowest <= np.median(np.abs(shrunk / mean)) <= highest
 
 
 @pytest.mark.parametrize("displacement", [1.7, 5.0])
