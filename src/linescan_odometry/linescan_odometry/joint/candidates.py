@@ -111,30 +111,23 @@ def independent(square: Floats, distances: NDArray[np.int64], lines: int) -> Flo
 
     Texture that remains in view contributes the same product of two lines to several pairs. By
     Bartlett's formula (1946), N pairs count as ``N / (1 + 2 sum_j (1 - j / N) gamma_j^2)``, where
-    gamma_j is the coherence of lines at a spacing j, interpolated between the given spacings.
+    gamma_j is the coherence of lines at the largest given spacing up to j.
 
     Args:
         square: square of the coherence at each spacing, shape (D, F).
         distances: the line spacings [lines], shape (D,).
         lines: number of lines m.
     """
-    last = len(distances) - 1
     number = np.ones(square.shape, np.float32)
     for which in range(len(distances)):
         pairs = lines - distances[which]
-        share = np.zeros(len(distances) + 1)  # weights at spacing 0 and at `distances`
-        after = 0
+        share = np.zeros(len(distances))
         for j in range(1, pairs):
-            while after < last and distances[after] < j:
-                after += 1
-            before = distances[after - 1] if after > 0 else 0
-            part = min((j - before) / max(distances[after] - before, 1), 1.0)
-            share[after] += 2.0 * (1.0 - j / pairs) * (1.0 - part)
-            share[after + 1] += 2.0 * (1.0 - j / pairs) * part
+            share[np.searchsorted(distances, j, "right") - 1] += 2.0 * (1.0 - j / pairs)
         for f in range(square.shape[1]):
-            total = 1.0 + share[0]
+            total = 1.0
             for d in range(len(distances)):
-                total += share[d + 1] * square[d, f]
+                total += share[d] * square[d, f]
             number[which, f] = max(pairs, 1) / total
     return number
 

@@ -69,10 +69,7 @@ def covariance(
         power of each band and the covariance of neighboring lines in it, shape (2, B).
     """
     count = len(edges) - 1
-    longest = 0
-    for block in range(len(first) - 1):
-        longest = max(longest, first[block + 1] - first[block])
-    far = min(longest - 1, _COHERENCE_LAG)
+    far = min(np.diff(first).max() - 1, _COHERENCE_LAG)
     sums, number = _products(aligned.view(np.float32), first, far, 2 * edges[-1])
     model, moments = np.empty((3, count)), np.empty((2, count))
     for b in range(count):
@@ -92,7 +89,7 @@ def covariance(
         texture = min(near / rho, whole)
         model[0, b], model[1, b] = texture, rho
         model[2, b] = max(power - texture, LEAST_NOISE * power)
-        moments[0, b], moments[1, b] = power, near
+        moments[0, b], moments[1, b] = power, mean[1] - pattern
     return model, moments
 
 
@@ -149,15 +146,11 @@ def whiten(spectra: Spectrum, edges: NDArray[np.int64], model: Doubles, white: S
             ahead = off * inverse[k - 1]
             for f in range(j - i):
                 row[f] = own[f] - ahead * last[f]
-        for k in range(m - 1, -1, -1):
-            row, part = out[k, i:j], inverse[k]
-            if k < m - 1:
-                after = out[k + 1, i:j]
-                for f in range(j - i):
-                    row[f] = (row[f] - off * after[f]) * part
-            else:
-                for f in range(j - i):
-                    row[f] *= part
+        out[m - 1, i:j] *= inverse[m - 1]
+        for k in range(m - 2, -1, -1):
+            row, part, after = out[k, i:j], inverse[k], out[k + 1, i:j]
+            for f in range(j - i):
+                row[f] = (row[f] - off * after[f]) * part
         for k in range(m):
             row, own = out[k, i:j], lines[k, i:j]
             for f in range(j - i):
@@ -173,7 +166,7 @@ def pivots(band: Doubles, inverse: Floats | Doubles) -> float:
 
     Args:
         band: texture power S, coherence rho and noise power N.
-        inverse: output, the inverse pivots, shape (m,).
+        inverse: output, the inverse pivots, shape (m,); at least two.
 
     Returns:
         Off-diagonal element of the matrix.
@@ -182,12 +175,8 @@ def pivots(band: Doubles, inverse: Floats | Doubles) -> float:
     m = len(inverse)
     ratio = noise / (texture * (1.0 - rho * rho))
     off: float = -ratio * rho
-    pivot = 1.0
-    for k in range(m):
-        ends = (k == 0) + (k == m - 1)
-        diagonal = 1.0 + ratio * (1.0 + rho * rho if ends == 0 else 1.0)
-        if ends == 2:
-            diagonal = 1.0 + noise / texture
-        pivot = diagonal - (off * off / pivot if k > 0 else 0.0)
-        inverse[k] = 1.0 / pivot
+    inverse[0] = 1.0 / (1.0 + ratio)
+    for k in range(1, m):
+        diagonal = 1.0 + ratio * (1.0 + rho * rho if k < m - 1 else 1.0)
+        inverse[k] = 1.0 / (diagonal - off * off * inverse[k - 1])
     return off

@@ -74,21 +74,34 @@ def coherent(rest: Correlation, layout: Layout, displacement: float, which: int)
         displacement: displacement per line [px].
         which: index of the line spacing in `spacings`.
     """
-    size = layout.size
-    edges = bands(size)
-    edges = edges[edges <= _COMPARED * size]
     shift = np.full(1, spacings(layout.lines)[which] * displacement)
-    turn = phases(shift, size, edges[-1])[0]
-    value, gain = rest.lagged[which], np.empty(edges[-1], np.float32)
+    value = rest.lagged[which, : int(_COMPARED * layout.size)]
+    turn, gain = phases(shift, layout.size, len(value))[0], np.empty(len(value), np.float32)
     for f in range(len(gain)):
         gain[f] = value[f].real * turn[f].real - value[f].imag * turn[f].imag
-    overlap, total = max(1.0 - abs(shift[0]) / layout.pixels, 1e-3), 0.0
+    overlap = max(1.0 - abs(shift[0]) / layout.pixels, 1e-3)
+    return _ratio(rest, layout, gain, overlap, which)
+
+
+@kernel
+def _ratio(rest: Correlation, layout: Layout, gain: Floats, overlap: float, which: int) -> float:
+    """Return the log-likelihood ratio of coherent versus incoherent lines [nats].
+
+    Args:
+        rest: correlations between the lines.
+        layout: sizes of the batch.
+        gain: power that the lines have in common, at the frequencies up to `_COMPARED`.
+        overlap: share of the lines that shows the same ground [1].
+        which: index of the line spacing in `spacings`.
+    """
+    edges, total = bands(layout.size), 0.0
+    edges = edges[edges <= len(gain)]
     for b in range(len(edges) - 1):
         i, j = edges[b], edges[b + 1]
         own = max(overlap * spectra.sum_of(rest.power[i:j]), 1e-9)
         coherence = min(max(spectra.sum_of(gain[i:j]) / own, 0.0), 0.999)
         # The part without overlap adds noise, which the division by the overlap amplifies.
-        number = overlap**2 * spectra.sum_of(rest.number[which, i:j]) * layout.pixels / size
+        number = overlap**2 * spectra.sum_of(rest.number[which, i:j]) * layout.pixels / layout.size
         total -= 0.5 * number * math.log1p(-coherence * coherence)
     return total
 
@@ -163,23 +176,15 @@ def turning(rest: Correlation, layout: Layout) -> float:
         rest: correlations between the lines.
         layout: sizes of the batch.
     """
-    edges = bands(layout.size)
-    edges = edges[edges <= _COMPARED * layout.size]
-    largest = 0.0
+    largest, count = 0.0, int(_COMPARED * layout.size)
+    power = rest.power[:count] ** 2
     for which in range(candidates.SPACINGS):
         # For noise alone, the squared coherence of N pairs is 1 / N on average.
-        noise = 1.0 / max(layout.lines - spacings(layout.lines)[which], 2)
-        value, power = rest.lagged[which], rest.power
-        total = -coherent(rest, layout, 0.0, which)
-        for b in range(len(edges) - 1):
-            i, j, shared = edges[b], edges[b + 1], 0.0
-            for f in range(i, j):
-                square = abs(value[f]) ** 2 - noise * power[f] ** 2
-                shared += math.sqrt(max(square / (1.0 - noise), 0.0))
-            coherence = min(shared / max(spectra.sum_of(power[i:j]), 1e-9), 0.999)
-            number = spectra.sum_of(rest.number[which, i:j]) * layout.pixels / layout.size
-            total -= 0.5 * number * math.log1p(-coherence * coherence)
-        largest = max(largest, total)
+        noise = np.float32(1.0 / max(layout.lines - spacings(layout.lines)[which], 2))
+        square = np.abs(rest.lagged[which, :count]) ** 2 - noise * power
+        gain = np.sqrt(np.maximum(square / (1.0 - noise), 0.0)).astype(np.float32)
+        free = _ratio(rest, layout, gain, 1.0, which)
+        largest = max(largest, free - coherent(rest, layout, 0.0, which))
     return largest
 
 

@@ -23,7 +23,7 @@ from linescan_odometry.joint import spectra
 from linescan_odometry.joint.candidates import APART, Correlation, Layout, farthest
 from linescan_odometry.joint.covariance import LEAST_NOISE, whiten
 from linescan_odometry.joint.decision import coherent
-from linescan_odometry.joint.likelihood import Cut, Expansion, window
+from linescan_odometry.joint.likelihood import Expansion, window
 from linescan_odometry.joint.spectra import Doubles, Floats, Spectrum
 from linescan_odometry.matching.transforms import transform_size
 from omni_platform.kernels import kernel, linked
@@ -53,36 +53,6 @@ class Fit(NamedTuple):
     coherence: float
     contrast: float
     difference: float
-
-
-@spectra.summing
-def _shared(cut: Cut) -> float:
-    """Return the energy of the gradients that neighboring lines have in common.
-
-    The energy is the mean over pairs of lines of the sum of ``f^2 Re(new conj(old))``, where f is
-    the index of the frequency.
-    """
-    total, number = 0.0, 0
-    for block in range(len(cut.first) - 1):
-        for r in range(cut.first[block] + 1, cut.first[block + 1]):
-            new, old = cut.spectra[r], cut.spectra[r - 1]
-            number += 1
-            for f in range(1, len(new)):
-                total += f * f * (new[f].real * old[f].real + new[f].imag * old[f].imag)
-    return total / number
-
-
-@kernel
-def _gain(cut: Cut) -> float:
-    """Return the gradient energy of a line of white noise with variance 1."""
-    taper = window(cut.length)
-    own = 0.0
-    for i in range(len(taper)):
-        own += taper[i] * taper[i]
-    total = 0.0
-    for f in range(1, cut.spectra.shape[1]):
-        total += f * f
-    return own * total
 
 
 @kernel
@@ -119,13 +89,16 @@ def assess(lines: Floats, here: Expansion) -> Fit:
     cut, edges, moments = here.cut, here.model.edges, here.moments
     if not math.isfinite(here.inverse[0, 0]):
         return Fit(math.inf, math.inf, 0.0, 0.0, 0.0, 0.0)
-    contrast = _shared(cut) / max(_noise(lines) * _gain(cut), 1e-12)
     weight, information = np.zeros(cut.spectra.shape[1]), np.zeros(len(edges) - 1)
+    gradient = np.zeros(len(edges) - 1)  # sum of the squared frequencies of each band
     for b in range(len(edges) - 1):
-        gamma = min(moments[1, b] / moments[0, b], 1.0 - LEAST_NOISE)
+        gamma = min(max(moments[1, b] / moments[0, b], 1e-6), 1.0 - LEAST_NOISE)
         weight[edges[b] : edges[b + 1]] = math.sqrt(gamma / ((1.0 - gamma * gamma) * moments[0, b]))
         rate = here.model.rate[edges[b] : edges[b + 1]]
-        information[b] = gamma * gamma / (1.0 - gamma * gamma) * (rate * rate).sum()
+        gradient[b] = (rate * rate).sum()
+        information[b] = gamma * gamma / (1.0 - gamma * gamma) * gradient[b]
+    noise = _noise(lines) * (window(cut.length) ** 2).sum()
+    contrast = (moments[1] * gradient).sum() / max(noise * gradient.sum(), 1e-12)
     moved, curvature = _moved(here)
     parts = _places(here, moved, weight, lines.shape[1])
     energy = np.maximum(parts[:, 1], 0.0)
