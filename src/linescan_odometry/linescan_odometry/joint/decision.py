@@ -13,6 +13,7 @@ from linescan_odometry.joint import candidates, spectra
 from linescan_odometry.joint.candidates import Correlation, Layout, farthest, spacings
 from linescan_odometry.joint.spectra import Doubles, Floats, Spectrum
 from omni_platform.kernels import kernel
+from omni_platform.signals import Lines
 
 # Highest frequency at which candidates are compared [cycles per pixel].
 _COMPARED = 0.5 * spectra.HIGHEST
@@ -30,7 +31,7 @@ def against_noise(rest: Correlation, layout: Layout) -> Correlation:
 
 
 @kernel
-def colored(logs: Floats, taper: Floats, layout: Layout) -> float:
+def colored(lines: Lines, taper: Floats, layout: Layout) -> float:
     """Return the log-likelihood ratio of colored versus white differences of lines [nats].
 
     The differences of neighboring lines contain no fixed pattern. At rest, they contain only noise,
@@ -39,19 +40,16 @@ def colored(logs: Floats, taper: Floats, layout: Layout) -> float:
     the geometric mean of a spectrum divided by its arithmetic mean.
 
     Args:
-        logs: logarithm of the gray levels, shape (m, n), without interpolated pixels, because
-            interpolation colors the noise.
+        lines: gray levels, shape (m, n), without interpolated pixels, because interpolation colors
+            the noise. Their logarithm would amplify the noise of dark pixels.
         taper: factor of each pixel before the transform, shape (n,).
         layout: sizes of the batch.
     """
-    differences = logs[1:] - logs[:-1]
-    square = ((taper * differences) ** 2).sum(axis=0)
+    levels = lines.astype(np.float32)
+    differences = levels[1:] - levels[:-1]
     transformed = np.abs(spectra.spectra_of(differences, taper, layout.size)) ** 2
-    # Effective number of pixels: the logarithm amplifies the noise of dark pixels, so the spectrum
-    # may depend on a few dark pixels only.
-    pixels = square.sum() ** 2 / max((square * square).sum(), 1e-12)
     # The differences are a moving average of order 1: N of them count as 2 N / 3 independent ones.
-    number = pixels / layout.size * (layout.lines - 1) / 1.5
+    number = (taper**2).sum() / layout.size * (layout.lines - 1) / 1.5
     edges, total, logarithm = bands(layout.size), 0.0, 0.0
     for b in range(len(edges) - 1):
         i, j = edges[b], edges[b + 1]

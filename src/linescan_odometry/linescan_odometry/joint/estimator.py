@@ -71,7 +71,6 @@ class _View(NamedTuple):
 
     Attributes:
         recorded: gray levels, shape (m, n).
-        table: logarithm of each gray level.
         logs: logarithm of the gray levels after the interpolation of defective pixels, shape
             (m, n).
         spectra: spectra of `logs`, shape (m, F).
@@ -83,7 +82,6 @@ class _View(NamedTuple):
     """
 
     recorded: Lines
-    table: spectra.Floats
     logs: spectra.Floats
     spectra: spectra.Spectrum
     mean: spectra.Spectrum
@@ -214,7 +212,7 @@ def _estimate(
     varying = candidates.correlate(transformed, mean)
     found = candidates.find((usual, varying), layout, camera.weight, last)
     remainder = varying if layout.lines >= spectra.FEWEST_LINES else usual
-    view = _View(lines, table, logs, transformed, mean, known, found, usual, remainder)
+    view = _View(lines, logs, transformed, mean, known, found, usual, remainder)
     d, moves, flaw = _choose(view, camera, layout)
     if flaw:
         return Estimate(d, math.inf, flaw, view.logs, 0.0, pattern)
@@ -271,7 +269,7 @@ def _choose(view: _View, camera: _Camera, layout: candidates.Layout) -> tuple[fl
     if (
         len(static) > 0
         and (not moves or decision.turning(remainder, layout) < limit)
-        and decision.colored(np.take(view.table, view.recorded), camera.taper, layout) < limit
+        and decision.colored(view.recorded, camera.taper, layout) < limit
     ):
         c = found[static[int(np.argmax(evidence[static]))]]
         own = decision.coherent(decision.against_noise(view.usual, layout), layout, c, 0)
