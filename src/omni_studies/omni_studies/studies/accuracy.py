@@ -205,8 +205,8 @@ def _metrics(cases: list[Case]) -> dict[str, Metric]:
 
 def _draw(cases: list[Case], views: list[View]) -> Figure:
     title = (
-        "Error of refined displacements / Cramer-Rao bound (dashed); below: mean error at "
-        "2 gray levels, and the fitted bias"
+        "RMS error of refined displacements, and Cramer-Rao bound (dashed); below: mean error at "
+        "2 gray levels, fitted bias, and its limit (dotted)"
     )
     x, y = "fraction of the displacement [px]", ("RMS error [px]", "mean error [px]")
     figure, panels = style.panels(title, 2, len(views), size=(13.0, 7.2), x=x, y=y, sharey="row")
@@ -228,9 +228,10 @@ def _draw(cases: list[Case], views: list[View]) -> Figure:
         over_noise.set_title(_size(view))
         over_noise.set_yscale("log")
         over_noise.set_xlabel("noise [gray levels]")
+        over_noise.set_xticks(_NOISES)
         for side in (-_LARGEST_LOCKING, _LARGEST_LOCKING):
             over_fraction.axhline(side, color=style.BLACK, linewidth=1.0, linestyle=":")
-        over_fraction.set_ylim(-1.6 * _LARGEST_LOCKING, 1.6 * _LARGEST_LOCKING)
+        over_fraction.set_ylim(-2.0 * _LARGEST_LOCKING, 2.0 * _LARGEST_LOCKING)
     panels[0, -1].legend(loc="lower right")
     return figure
 

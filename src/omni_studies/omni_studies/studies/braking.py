@@ -248,7 +248,7 @@ def odometry_lag(history: RunHistory) -> float:
 
 def _draw_stops(comparisons: Comparisons, metrics: Mapping[str, Metric]) -> Figure:
     """Draw the stops of all cases with both sources of feedback, and their differences."""
-    title = "Assisted braking with both kinds of feedback"
+    title = "Assisted braking with both kinds of feedback; numbers: odometry minus sensor"
     inches = (10.0, 1.6 + 0.45 * len(comparisons))
     x = ("orientation change [deg]", "stopping distance [m]")
     figure, (panels,) = style.panels(title, 1, 2, size=inches, x=x, sharey=True)
@@ -261,9 +261,9 @@ def _draw_stops(comparisons: Comparisons, metrics: Mapping[str, Metric]) -> Figu
                 look = {"color": color, "ms": size, "zorder": 3, "clip_on": False}
                 label = "" if row else _FEEDBACK[feedback]
                 axes.plot([value], [row], marker, label=label, **look)
-            words = f"{values[1] - values[0]:+.2f}"
+            words = f"{round(values[1] - values[0], 2) + 0.0:+.2f}"  # adding 0 turns -0 into 0
             style.note(axes, words, (max(values), row), (9, 0), va="center")
-        axes.margins(x=0.14)
+        axes.margins(x=0.18)
         axes.set_xlim(left=0.0)
     panels[0].set_yticks(range(len(comparisons)), list(map(_case_in_words, comparisons)))
     panels[0].invert_yaxis()

@@ -251,12 +251,12 @@ def _findings(cells: list[tuple[str, str]], metrics: Mapping[str, Metric]) -> tu
 def _draw(
     grounds: tuple[str, ...], faults: tuple[str, ...], tallies: Mapping[tuple[str, str], Drive]
 ) -> Figure:
-    title = "Undetected errors in 1000 batches (left); measured batches in % (right)"
     size = (13.0, 0.36 * len(grounds) + 2.6)
-    figure, (panels,) = style.panels(title, 1, 2, size=size, sharey=True)
-    for axes, number, highest, colors in zip(
-        panels, (1, 2), (30.0, 100.0), ("OrRd", "YlGn"), strict=True
-    ):
+    figure, (panels,) = style.panels("", 1, 2, size=size, sharey=True)
+    titles = "Undetected errors in 1000 batches", "Measured batches [%]; white: not simulated"
+    looks = zip(panels, titles, (1, 2), (30.0, 100.0), ("OrRd", "YlGn"), strict=True)
+    for axes, title, number, highest, colors in looks:
+        axes.set_title(title)
         values = np.full((len(grounds), len(faults)), np.nan)
         for i, name in enumerate(grounds):
             for j, fault in enumerate(faults):
@@ -271,7 +271,8 @@ def _draw(
         axes.grid(False)
         axes.imshow(values, cmap=colors, vmin=0.0, vmax=highest, aspect="auto")
         axes.set_xticks(
-            range(len(faults)), [f.replace("_", " ") for f in faults], rotation=60, ha="right",
+            range(len(faults)), [f.replace("_", " ") for f in faults],
+            rotation=60, ha="right", rotation_mode="anchor",
         )  # fmt: skip
         axes.set_yticks(range(len(grounds)), [g.replace("_", " ") for g in grounds])
         axes.tick_params(length=0.0)
