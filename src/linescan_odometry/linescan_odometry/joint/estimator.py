@@ -5,10 +5,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from linescan_odometry.joint import candidates, decision, spectra
-from linescan_odometry.joint.covariance import observe
+from linescan_odometry.joint import candidates, spectra
 from linescan_odometry.joint.fit import Fit, assess, scatter
-from linescan_odometry.joint.likelihood import expand, window, without
+from linescan_odometry.joint.likelihood import expand, observe, window, without
 from linescan_odometry.matching.transforms import load_transforms, transform_size
 from linescan_odometry.measurements import Displacement, Unmeasured
 from linescan_odometry.plausibility import Plausibility
@@ -258,7 +257,7 @@ def _choose(view: _View, camera: _Camera, layout: candidates.Layout) -> tuple[fl
     remainder, found = view.remainder, view.found
     if len(found) == 0:
         return 0.0, False, "no peak of the correlation"
-    evidence = decision.rate(remainder, layout, found)
+    evidence = candidates.rate(remainder, layout, found)
     best = int(np.argmax(evidence))
     # If the shift within the batch is below the smallest distance between two peaks, the candidate
     # counts as rest.
@@ -268,16 +267,16 @@ def _choose(view: _View, camera: _Camera, layout: candidates.Layout) -> tuple[fl
     moves = evidence[best] >= limit
     if (
         len(static) > 0
-        and (not moves or decision.turning(remainder, layout) < limit)
-        and decision.colored(view.recorded, camera.taper, layout) < limit
+        and (not moves or candidates.turning(remainder, layout) < limit)
+        and candidates.colored(view.recorded, camera.taper, layout) < limit
     ):
         c = found[static[int(np.argmax(evidence[static]))]]
-        own = decision.coherent(decision.against_noise(view.usual, layout), layout, c, 0)
+        own = candidates.coherent(candidates.against_noise(view.usual, layout), layout, c, 0)
         return c, moves, "" if own > _LIKELY else "low texture"
     if evidence[best] < _LIKELY:
         return found[best], True, "low texture"
     limits = _LIKELY, _RATIO
-    best, ambiguous = decision.decide(remainder, layout, found, evidence, limits)
+    best, ambiguous = candidates.decide(remainder, layout, found, evidence, limits)
     return found[best], True, "ambiguous" if ambiguous else ""
 
 

@@ -20,10 +20,8 @@ from typing import NamedTuple
 import numpy as np
 
 from linescan_odometry.joint import spectra
-from linescan_odometry.joint.candidates import APART, Correlation, Layout, farthest
-from linescan_odometry.joint.covariance import LEAST_NOISE, whiten
-from linescan_odometry.joint.decision import coherent
-from linescan_odometry.joint.likelihood import Expansion, window
+from linescan_odometry.joint.candidates import APART, Correlation, Layout, coherent, farthest
+from linescan_odometry.joint.likelihood import LEAST_NOISE, Expansion, whiten, window
 from linescan_odometry.joint.spectra import Doubles, Floats, Spectrum
 from linescan_odometry.matching.transforms import transform_size
 from omni_platform.kernels import kernel, linked

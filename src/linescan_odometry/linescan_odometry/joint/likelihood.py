@@ -1,13 +1,13 @@
-"""Second-order expansion of the log-likelihood of a displacement and its change.
+"""Covariance of the lines, and second-order expansion of the log-likelihood of a displacement.
 
-The lines of a batch are divided into blocks, groups of consecutive lines that overlap. The lines of
-a block are cut to the ground that all of them show, so that no texture enters or leaves. The
-spectra of the cut lines are then computed.
+The lines of a batch are divided into blocks, groups of consecutive lines that overlap; neighboring
+blocks have one line in common. The lines of a block are cut to the ground that all of them show, so
+that no texture enters or leaves. The spectra of the cut lines are then computed.
 
 The package docstring defines the model: displacement d per line, its change a, displacement X_k of
-line k, and covariance T of the lines. In shapes, m is the number of lines of a batch, t the sum of
-the numbers of lines of all blocks, F the number of spatial frequencies, and B the number of
-frequency bands.
+line k, and covariance T of the lines with texture power S, coherence rho and noise power N. In
+shapes, m is the number of lines of a batch, t the sum of the numbers of lines of all blocks, F the
+number of spatial frequencies, and B the number of frequency bands.
 """
 
 import math
@@ -17,12 +17,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from linescan_odometry.joint import spectra
-from linescan_odometry.joint.covariance import covariance, pivots, whiten
-from linescan_odometry.joint.decision import bands, phases
+from linescan_odometry.joint.candidates import bands, phases
 from linescan_odometry.joint.spectra import Doubles, Floats, Spectrum
 from linescan_odometry.matching.transforms import transform_size
 from omni_platform.kernels import kernel, linked
 
+LEAST_NOISE = 0.2  # smallest ratio of noise to power in a band, so that no band dominates
+_COHERENCE_LAG = 6  # line spacing at which the loss of coherence is measured
 _TAPER = 16  # each end of a line is tapered by a raised cosine over 1/16 of its length
 _LEAST_TAPER = 0.2  # smallest taper by which a pattern is divided near the ends of a line
 
@@ -45,8 +46,6 @@ class _Model(NamedTuple):
 
 class Cut(NamedTuple):
     """Lines of a batch, cut to the ground that all lines of a block show.
-
-    A block is a group of consecutive lines that overlap. Short displacements give a single block.
 
     Attributes:
         spectra: spectra in the ground frame, shape (t, F).
@@ -88,6 +87,168 @@ class Expansion(NamedTuple):
 
 @linked
 @kernel
+def observe(
+    transformed: Spectrum, removed: Spectrum, paths: Doubles, size: int
+) -> tuple[Spectrum, Doubles]:
+    """Return the pattern estimated from one batch with known displacements.
+
+    Args:
+        transformed: spectra of the logarithm of whole lines, shape (m, F).
+        removed: pattern to subtract before the covariance is estimated, shape (F,).
+        paths: displacement of each line [px], shape (m,).
+        size: length of the Fourier transform [px].
+
+    Returns:
+        Information (precision times mean) and precision at each frequency, shape (F,) each.
+    """
+    m, count = transformed.shape
+    turn, edges = phases(paths, size, count), bands(size)
+    white = (transformed - removed) * turn
+    model, _ = covariance(white, np.array([0, m]), edges, np.zeros(count))
+    whiten(turn, edges, model, white)
+    information, precision = np.zeros(count, np.complex64), np.zeros(count, np.float32)
+    white[:, : edges[0]] = 0.0
+    for k in range(m):
+        row, own, seen = white[k], turn[k], transformed[k]
+        for f in range(count):
+            information[f] += np.conj(row[f]) * own[f] * seen[f]
+        for f in range(count):
+            precision[f] += row[f].real * own[f].real + row[f].imag * own[f].imag
+    return information, precision.astype(np.float64)
+
+
+@spectra.fast
+def covariance(
+    aligned: Spectrum, first: NDArray[np.int64], edges: NDArray[np.int64], fixed: Doubles
+) -> tuple[Doubles, Doubles]:
+    """Return the covariance model of each band, estimated by the method of moments.
+
+    Args:
+        aligned: spectra in the ground frame, blocks of lines one after the other, shape (t, F).
+        first: row of each block's first line, then the number of rows t, shape (blocks + 1,).
+        edges: edges of the bands [bins], shape (B + 1,).
+        fixed: power of the fixed pattern in the lines, which is not counted as texture, shape (F,).
+
+    Returns:
+        Texture power S, coherence rho of neighboring lines and noise power N, shape (3, B); the
+        power of each band and the covariance of neighboring lines in it, shape (2, B).
+    """
+    count = len(edges) - 1
+    far = min(np.diff(first).max() - 1, _COHERENCE_LAG)
+    sums, number = _products(aligned.view(np.float32), first, far, 2 * edges[-1])
+    model, moments = np.empty((3, count)), np.empty((2, count))
+    for b in range(count):
+        mean = np.zeros(3)
+        for which in range(3):
+            for f in range(2 * edges[b], 2 * edges[b + 1]):
+                mean[which] += sums[which, f]
+            mean[which] /= max(number[which], 1.0) * (edges[b + 1] - edges[b])
+        power, pattern = max(mean[0], 1e-9), fixed[edges[b] : edges[b + 1]].mean()
+        # Over few frequencies, the power of a pattern may exceed its expectation by chance.
+        pattern *= 1.0 + spectra.SIGNIFICANT / math.sqrt(edges[b + 1] - edges[b])
+        near = min(max(mean[1] - pattern, 1e-6 * power), 0.9999 * power)
+        rho, whole = 1.0, max(power - pattern, near)
+        if far > 1:
+            rho = (min(max(mean[2] - pattern, 1e-6 * power) / near, 1.0)) ** (1.0 / (far - 1))
+        rho = min(max(rho, near / whole, 0.01), 0.99999)
+        texture = min(near / rho, whole)
+        model[0, b], model[1, b] = texture, rho
+        model[2, b] = max(power - texture, LEAST_NOISE * power)
+        moments[0, b], moments[1, b] = power, mean[1] - pattern
+    return model, moments
+
+
+@spectra.fast
+def _products(
+    real: Floats, first: NDArray[np.int64], far: int, size: int
+) -> tuple[Floats, Doubles]:
+    """Return sums of the products of two lines in the same block, at three line spacings.
+
+    Args:
+        real: real and imaginary parts of the spectra in the ground frame, shape (t, 2 F).
+        first: row of the first line of each block, followed by the number of rows.
+        far: largest of the spacings 0, 1 and `far` [lines].
+        size: number of columns of `real` that are used.
+
+    Returns:
+        Sums, shape (3, size), and number of products in each sum, shape (3,).
+    """
+    sums, number = np.zeros((3, size), np.float32), np.zeros(3)
+    for block in range(len(first) - 1):
+        for which in range(3):
+            lag = far if which == 2 else which
+            number[which] += max(0, first[block + 1] - first[block] - lag)
+            for k in range(first[block] + lag, first[block + 1]):
+                new, old, total = real[k], real[k - lag], sums[which]
+                for f in range(len(total)):
+                    total[f] += new[f] * old[f]
+    return sums, number
+
+
+@spectra.fast
+def whiten(spectra: Spectrum, edges: NDArray[np.int64], model: Doubles, white: Spectrum) -> None:
+    """Multiply the lines of one block by T^-1, and write the product to `white`.
+
+    The cost is proportional to the number of lines. The covariance of the lines is ``T = A + N``:
+    an autoregressive part A, and white noise of power N. The inverse of A is tridiagonal, and
+    ``T^-1 = (1 - (1 + N A^-1)^-1) / N``.
+
+    Args:
+        spectra: spectra of the lines, shape (m, F).
+        edges: edges of the bands [bins], shape (B + 1,).
+        model: texture power S, coherence rho and noise power N of each band, shape (3, B).
+        white: output, T^-1 times the spectra, shape (m, F).
+    """
+    m = len(spectra)
+    inverse = np.empty(m, np.float32)
+    lines, out = spectra.view(np.float32), white.view(np.float32)  # T is real
+    for b in range(len(edges) - 1):
+        i, j = 2 * edges[b], 2 * edges[b + 1]
+        off, scale = np.float32(pivots(model[:, b], inverse)), np.float32(1.0 / model[2, b])
+        out[0, i:j] = lines[0, i:j]
+        for k in range(1, m):
+            row, own, last = out[k, i:j], lines[k, i:j], out[k - 1, i:j]
+            ahead = off * inverse[k - 1]
+            for f in range(j - i):
+                row[f] = own[f] - ahead * last[f]
+        out[m - 1, i:j] *= inverse[m - 1]
+        for k in range(m - 2, -1, -1):
+            row, part, after = out[k, i:j], inverse[k], out[k + 1, i:j]
+            for f in range(j - i):
+                row[f] = (row[f] - off * after[f]) * part
+        for k in range(m):
+            row, own = out[k, i:j], lines[k, i:j]
+            for f in range(j - i):
+                row[f] = scale * (own[f] - row[f])
+
+
+@spectra.fast
+def pivots(band: Doubles, inverse: Floats | Doubles) -> float:
+    """Write to `inverse` the inverse pivots of the matrix ``1 + N A^-1`` of one frequency band.
+
+    The matrix is tridiagonal. Its pivots are those of Gaussian elimination. A is the autoregressive
+    part of the covariance, ``A_kj = S rho^|k - j|``.
+
+    Args:
+        band: texture power S, coherence rho and noise power N.
+        inverse: output, the inverse pivots, shape (m,); at least two.
+
+    Returns:
+        Off-diagonal element of the matrix.
+    """
+    texture, rho, noise = band[0], band[1], band[2]
+    m = len(inverse)
+    ratio = noise / (texture * (1.0 - rho * rho))
+    off: float = -ratio * rho
+    inverse[0] = 1.0 / (1.0 + ratio)
+    for k in range(1, m):
+        diagonal = 1.0 + ratio * (1.0 + rho * rho if k < m - 1 else 1.0)
+        inverse[k] = 1.0 / (diagonal - off * off * inverse[k - 1])
+    return off
+
+
+@linked
+@kernel
 def without(logs: Floats, pattern: Spectrum, taper: Floats, size: int) -> Floats:
     """Return the logarithm of lines after subtraction of a fixed pattern, shape (m, n).
 
@@ -108,17 +269,13 @@ def without(logs: Floats, pattern: Spectrum, taper: Floats, size: int) -> Floats
 def _cut(lines: Floats, paths: Doubles, limit: int) -> Cut:
     """Return the lines, grouped into blocks and cut to the ground that the lines of a block share.
 
-    Neighboring blocks have one line in common.
-
     Args:
         lines: logarithm of the gray levels, minus the fixed pattern, shape (m, n).
         paths: displacement of each line [px], shape (m,).
         limit: limit on the shift between two compared lines [px].
     """
     m, n = lines.shape
-    largest = 1e-6
-    for k in range(m - 1):
-        largest = max(largest, abs(paths[k + 1] - paths[k]))
+    largest = max(np.abs(np.diff(paths)).max(), 1e-6)
     per = max(2, min(m, 1 + int(limit / largest)))
     blocks = -(-(m - 1) // (per - 1))
     first, ground = np.zeros(blocks + 1, np.int64), np.zeros(blocks)
@@ -181,7 +338,7 @@ def _slopes(cut: Cut, model: _Model) -> tuple[Spectrum, Doubles]:
     for block in range(len(cut.first) - 1):
         i, j = cut.first[block], cut.first[block + 1]
         whiten(cut.spectra[i:j], model.edges, model.bands, white[i:j])
-    slopes, sums = np.zeros(2), np.zeros((2, len(model.rate)), np.float32)
+    sums = np.zeros((2, len(model.rate)), np.float32)
     for r in range(len(white)):
         by_d = np.float32(model.along[0, cut.line[r]])
         by_a = np.float32(model.along[1, cut.line[r]])
@@ -190,10 +347,7 @@ def _slopes(cut: Cut, model: _Model) -> tuple[Spectrum, Doubles]:
             turned = w[f].imag * z[f].real - w[f].real * z[f].imag
             sums[0, f] += by_d * turned
             sums[1, f] += by_a * turned
-    for f in range(len(model.rate)):
-        slopes[0] += model.rate[f] * sums[0, f]
-        slopes[1] += model.rate[f] * sums[1, f]
-    return white, slopes
+    return white, (model.rate * sums).sum(axis=1)
 
 
 @kernel

@@ -12,10 +12,9 @@ import pytest
 
 from linescan_odometry.configuration import OdometryConfiguration
 from linescan_odometry.joint import candidates
-from linescan_odometry.joint.covariance import whiten
 from linescan_odometry.joint.estimator import JointEstimator
 from linescan_odometry.joint.fit import _moved, assess, scatter
-from linescan_odometry.joint.likelihood import Expansion, expand
+from linescan_odometry.joint.likelihood import Expansion, expand, whiten
 from linescan_odometry.joint.spectra import shrink, without_defects
 from linescan_odometry.matching.transforms import load_transforms
 from linescan_odometry.odometry import LineScanOdometry
