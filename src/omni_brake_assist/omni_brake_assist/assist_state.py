@@ -25,7 +25,6 @@ _STEP = np.dtype(
         ("no_effect", "?"),
         ("fault", "i8"),  # first fault present, a row of `conditions.CONDITIONS`
         ("faulty", "?"),  # whether a fault applied all brakes in the last step
-        ("start_speed", "f8"),  # speed when the line was stored [m/s]
         ("observed_ns", "i8"),  # stamp of the last step [ns]
         ("assisting", "?"),  # False if the next step of the law is a first step, see `Motion.first`
         ("answer", "i8"),  # last return value of the law, such as ASSIST
@@ -97,8 +96,8 @@ class Memory(NamedTuple):
         answer: twist that the filter bank estimates for the present time [m/s, m/s, rad/s],
             shape (3,).
         speeds: received wheel speeds [rad/s], NaN where not received, shape (N,).
-        workspace: temporary storage for the IMU reading and the variances of the twist,
-            shape (2, 3).
+        inertial: received yaw rate [rad/s] and specific force [m/s^2], NaN where not received,
+            shape (3,).
         held: errors [m/s] and brake enables [1] of the wheels from the last call of the law, shape
             (2, N).
     """
@@ -115,7 +114,7 @@ class Memory(NamedTuple):
     commanded: FloatArray
     answer: FloatArray
     speeds: FloatArray
-    workspace: FloatArray
+    inertial: FloatArray
     held: FloatArray
 
 
@@ -195,6 +194,6 @@ def new_memory(wheels: int) -> Memory:
         np.ones(wheels),
         np.zeros(3),
         np.zeros(wheels),
-        np.zeros((2, 3)),
+        np.zeros(3),
         np.zeros((2, wheels)),
     )

@@ -27,12 +27,7 @@ from omni_brake_assist.laws import built_in, law
 from omni_brake_assist.monitors import brake_monitor, effect_monitor
 from omni_platform.kernels import inlined, kernel, lean, lean_inline, linked
 from omni_platform.quantities import FloatArray
-from omni_platform.signals import UNMEASURED_VARIANCE, VALID
-
-# In a stop without a valid twist, this share of the initial speed is added to the speed below which
-# all brakes act [1]. An error of dead reckoning then cannot keep the vehicle rolling, and little
-# kinetic energy is left.
-_RECKONED_SHARE = 0.15
+from omni_platform.signals import MISSING, UNMEASURED_VARIANCE, VALID, TwistSample
 
 
 @linked
@@ -99,8 +94,7 @@ def _receive(constants: Constants, memory: Memory, inputs: Inputs) -> tuple[bool
         received = good and gate[0].cause in conditions.INPUTS_VALID
         chosen = _estimate_motion(constants, memory, inputs, received, pedal, elapsed)
         step.contradicted = chosen == bank_state.NO_ESTIMATE
-        alone = chosen in bank_state.DEAD_RECKONING or not received or gate[0].uncertain
-        step.reckoned = chosen != bank_state.NO_ESTIMATE and alone
+        step.reckoned = chosen in bank_state.DEAD_RECKONING or not received
         if memory.bank.record[0].equipped:
             good = gate_open = chosen != bank_state.NO_ESTIMATE
             stamp_ns, twist = inputs.now_ns, memory.answer
@@ -128,7 +122,6 @@ def _receive(constants: Constants, memory: Memory, inputs: Inputs) -> tuple[bool
         elif gate_open:
             braking_line.store_line(line, constants.minimum_reference_speed, v_x, v_y, yaw_rate)
             step.assisting = False
-            step.start_speed = math.hypot(v_x, v_y)
     ready = braking and good and gate_open
     first = not step.assisting
     step.assisting = ready or (step.assisting and braking)
@@ -144,7 +137,7 @@ def _read_sensors(constants: Constants, memory: Memory, inputs: Inputs) -> bool:
     Returns:
         Whether there is a recent and complete IMU reading.
     """
-    wheels, imu, inertial = inputs.wheels, inputs.imu, memory.workspace[0]
+    wheels, imu, inertial = inputs.wheels, inputs.imu, memory.inertial
     now_ns, limits, rim = inputs.now_ns, constants.limits, constants.bank.roll
     known = _is_recent(now_ns, limits.timeout_ns, wheels.validity, wheels.stamp_ns)
     for i in range(memory.speeds.size):
@@ -189,15 +182,14 @@ def _estimate_motion(
         Number of the most probable hypothesis of the filter bank, or NO_ESTIMATE.
     """
     step, feedback = memory.step[0], inputs.feedback
-    speeds, inertial, variance = memory.speeds, memory.workspace[0], memory.workspace[1]
+    speeds, inertial = memory.speeds, memory.inertial
     released = False
     for enable in memory.commanded:
         released = released or enable < 1.0
     least = UNMEASURED_VARIANCE
-    for j in range(3):
-        variance[j] = feedback.covariance[j, j] if received else 0.0
-        least = min(least, variance[j])
-    received = received and least < UNMEASURED_VARIANCE
+    for j in range(inertial.size):
+        least = min(least, feedback.covariance[j, j])
+    validity = VALID if received and least < UNMEASURED_VARIANCE else MISSING
     step.no_effect = effect_monitor.watch_effect(
         constants.effect, memory.effect, dt, pedal, released, speeds, inertial
     )
@@ -207,7 +199,7 @@ def _estimate_motion(
             memory.bank,
             inputs.now_ns,
             bank_state.Readings(pedal, memory.commanded, inertial, speeds),
-            bank_state.Twist(received, feedback.stamp_ns, feedback.value, variance),
+            TwistSample(feedback.stamp_ns, feedback.value, feedback.covariance, validity),
             memory.answer,
         )
     )
@@ -365,14 +357,11 @@ def _is_any_on(enable: FloatArray, failed: int) -> bool:
 def _is_slow(constants: Constants, step: Any, motion: law.Motion) -> bool:
     """Return whether the fastest wheel center, Eq. (38), is slower than the speed threshold.
 
-    If it was already slower in the last step, the hysteresis is added to the threshold. During dead
-    reckoning, a share of the speed at the start of the stop is also added to the threshold.
+    If it was already slower in the last step, the hysteresis is added to the threshold.
     """
     limit = constants.speed_threshold
     if step.slow:
         limit += constants.speed_hysteresis
-    if step.reckoned and constants.fault_detection:
-        limit += _RECKONED_SHARE * step.start_speed
     step.slow = limit > fastest_wheel(
         constants.r_x, constants.r_y, motion.v_x, motion.v_y, motion.yaw_rate
     )

@@ -41,7 +41,6 @@ GATE_STATE = np.dtype(
         ("v_y", "f8"),
         ("yaw_rate", "f8"),
         ("unchanged_ns", "i8"),  # stamp since which the twist has not changed [ns]
-        ("uncertain", "?"),  # whether the last twist would be too uncertain without an IMU
     ]
 )
 """Data type of the gate's memory, which `new_gate` creates."""
@@ -188,16 +187,13 @@ def _within(gate: Any, check: int, value: float, limit: float, within: float) ->
 
 @lean
 def _in_time(limits: Limits, gate: Any, now_ns: int) -> bool:
-    step = since(now_ns, gate.now_ns) if gate.clocked else 0
+    step = since(now_ns, gate.now_ns) / 1e9 if gate.clocked else 0.0
     gate.clocked = True
     gate.now_ns = now_ns
-    if step < 0:
-        close_gate(gate, conditions.DEMAND_BACK, -step / 1e9, 0.0, 0.0)
-        return False
-    if step > limits.maximum_step_ns:
-        close_gate(gate, conditions.DEMAND_LEAP, step / 1e9, limits.maximum_step_ns / 1e9, 0.0)
-        return False
-    return True
+    return bool(
+        _within(gate, conditions.DEMAND_BACK, -step, 0.0, 0.0)
+        and _within(gate, conditions.DEMAND_LEAP, step, limits.maximum_step_ns / 1e9, 0.0)
+    )
 
 
 @lean
@@ -221,17 +217,13 @@ def _is_fresh(limits: Limits, gate: Any, now_ns: int, stamp_ns: int) -> bool:
     The difference between the stamp and `now_ns` must not exceed the timeout. The stamp must not be
     earlier than the stamp of the last valid twist.
     """
-    age, timeout = since(now_ns, stamp_ns), limits.timeout_ns
-    if age > timeout:
-        close_gate(gate, conditions.STALE, age / 1e9, timeout / 1e9, 0.0)
-        return False
-    if age < -timeout:
-        close_gate(gate, conditions.AHEAD, -age / 1e9, timeout / 1e9, 0.0)
-        return False
-    if gate.known and stamp_ns < gate.last_ns:
-        close_gate(gate, conditions.BACK, since(gate.last_ns, stamp_ns) / 1e9, 0.0, 0.0)
-        return False
-    return True
+    age, timeout = since(now_ns, stamp_ns) / 1e9, limits.timeout_ns / 1e9
+    earlier = since(gate.last_ns, stamp_ns) / 1e9 if gate.known else 0.0
+    return bool(
+        _within(gate, conditions.STALE, age, timeout, 0.0)
+        and _within(gate, conditions.AHEAD, -age, timeout, 0.0)
+        and _within(gate, conditions.BACK, earlier, 0.0, 0.0)
+    )
 
 
 @lean
@@ -252,7 +244,6 @@ def _is_confident(limits: Limits, gate: Any, covariance: FloatArray, weighed: bo
         return False
     speed, yaw_rate = math.sqrt(_worst_variance(covariance)), math.sqrt(ww)
     speed_limit, yaw_limit = limits.maximum_speed_deviation, limits.maximum_yaw_rate_deviation
-    gate.uncertain = speed > speed_limit or yaw_rate > yaw_limit
     return bool(
         weighed
         or (
@@ -286,10 +277,8 @@ def _follows(limits: Limits, gate: Any, sample: TwistSample, braking: bool) -> b
     While the driver brakes (`braking`), a twist that has not changed for too long is not possible.
     """
     stamp_ns, twist = sample.stamp_ns, sample.value
-    if not gate.known:
-        return True
     elapsed = since(stamp_ns, gate.last_ns)
-    if elapsed > limits.maximum_step_ns:
+    if not gate.known or elapsed > limits.maximum_step_ns:
         return True  # after this long, any change is possible
     dt = elapsed / 1e9
     # The body axes have rotated since the last valid twist. Its velocity is therefore transformed
@@ -301,17 +290,15 @@ def _follows(limits: Limits, gate: Any, sample: TwistSample, braking: bool) -> b
     )
     speed_limit = limits.speed_noise + limits.maximum_acceleration * dt
     yaw_limit = limits.yaw_rate_noise + limits.maximum_yaw_acceleration * dt
-    if not (
-        _within(gate, conditions.SPEED_STEP, step, speed_limit, dt)
-        and _within(gate, conditions.YAW_RATE_STEP, abs(twist[2] - gate.yaw_rate), yaw_limit, dt)
-    ):
-        return False
     speed = math.hypot(twist[0], twist[1]) + abs(twist[2]) * limits.reach
     moving = limits.frozen_time != 0.0 and speed >= limits.speed_threshold
-    if not (braking and moving and _is_same(gate, twist)):
-        return True
-    frozen = since(stamp_ns, gate.unchanged_ns) / 1e9
-    return bool(_within(gate, conditions.FROZEN, frozen, limits.frozen_time, 0.0))
+    same = braking and moving and _is_same(gate, twist)
+    frozen = since(stamp_ns, gate.unchanged_ns) / 1e9 if same else 0.0
+    return bool(
+        _within(gate, conditions.SPEED_STEP, step, speed_limit, dt)
+        and _within(gate, conditions.YAW_RATE_STEP, abs(twist[2] - gate.yaw_rate), yaw_limit, dt)
+        and _within(gate, conditions.FROZEN, frozen, limits.frozen_time, 0.0)
+    )
 
 
 @lean

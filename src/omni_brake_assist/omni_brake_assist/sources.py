@@ -18,7 +18,7 @@ from omni_brake_assist import conditions
 from omni_brake_assist.assist_state import Memory
 from omni_brake_assist.conditions import CONDITIONS, WARNING, Decision
 from omni_brake_assist.filter_bank import state as bank
-from omni_brake_assist.filter_bank.measurement import GATE
+from omni_brake_assist.filter_bank.filters import GATE
 from omni_brake_assist.filter_bank.state import FAULTY, NO_IMU
 from omni_platform.kinematics import PlatformKinematics
 from omni_platform.quantities import FloatArray
@@ -69,18 +69,19 @@ def sources(memory: Memory, kinematics: PlatformKinematics, detects: bool) -> tu
             MISSING.
     """
     best, gate = int(memory.bank.record[0]["best"]), memory.gate[0]
-    force, gyro = map(float, memory.bank.ratio)
-    twist = force + gyro  # the same sum as in `fuse_twist`
+    along, across, gyro = map(float, memory.bank.ratio)
+    force = along + across
+    twist = force + gyro
     found = [_source("twist", twist, isolated=best in (*bank.TWIST_FAULTS, bank.NO_ESTIMATE))]
     if found[0].state == ISOLATED and not memory.bank.record[0]["pressed"]:
         found[0] = found[0]._replace(reason=_disagreement(gate, kinematics.twist(memory.speeds)))
     if gate["cause"] not in conditions.INPUTS_VALID:
         state = LOST if gate["cause"] in _NO_TWIST else REJECTED
         found[0] = Source("twist", twist, state, CONDITIONS[int(gate["cause"])].state.value)
-    partial = bool(np.any(np.isfinite(memory.workspace[0])))
+    partial = bool(np.any(np.isfinite(memory.inertial)))
     for name, ratio, out, reading in (
-        ("gyro", gyro, bank.NO_GYRO, memory.workspace[0, 0]),
-        ("accelerometer", force, bank.NO_FORCE, memory.workspace[0, 1]),
+        ("gyro", gyro, bank.NO_GYRO, memory.inertial[0]),
+        ("accelerometer", force, bank.NO_FORCE, memory.inertial[1]),
     ):
         missing = not math.isfinite(reading)
         source = _source(name, ratio, isolated=best in (out, NO_IMU), missing=missing)

@@ -2,13 +2,13 @@
 
 import math
 
-from omni_brake_assist.filter_bank import measurement
+from omni_brake_assist.filter_bank import filters
 from omni_brake_assist.filter_bank import state as bank
-from omni_brake_assist.filter_bank.filters import predict, propagate, variance_along
 from omni_brake_assist.filter_bank.state import RATE, STATES, U_X, U_Y, BankConstants, BankMemory
 from omni_brake_assist.filter_bank.wheels import fuse_wheels
 from omni_platform.kernels import lean
 from omni_platform.quantities import FloatArray
+from omni_platform.signals import VALID, TwistSample
 
 _RESTART_NS = 100_000_000  # shortest time between two restarts of the filter with all sources [ns]
 _UNSUPPORTED = 0.2  # limit on the time without a rolling released wheel if there is no twist [s]
@@ -21,7 +21,7 @@ def estimate(
     memory: BankMemory,
     now_ns: int,
     readings: bank.Readings,
-    twist: bank.Twist,
+    twist: TwistSample,
     answer: FloatArray,
 ) -> int:
     """Advance the filter bank by one step, and estimate the present twist.
@@ -40,9 +40,10 @@ def estimate(
     record = memory.record[0]
     elapsed = (now_ns - memory.stamps[memory.newest[0]]) * 1e-9
     braking = readings.pedal > 0.0
-    first = twist.received and not (record.received or braking)
+    received = twist.validity == VALID
+    first = received and not (record.received or braking)
     if first or not record.begun or not 0.0 <= elapsed <= constants.longest:
-        if braking and not twist.received:  # the wheels may slide
+        if braking and not received:  # the wheels may slide
             record.begun = False
             return bank.NO_ESTIMATE
         bank.begin(constants, memory, now_ns, twist)
@@ -53,11 +54,11 @@ def estimate(
     _store(memory, now_ns, readings)
     memory.evidence[:] = 0.0
     valid_ns = twist.stamp_ns - constants.delay
-    fresh = twist.received and valid_ns > record.twist_ns
+    fresh = received and valid_ns > record.twist_ns
     target_ns = max(record.horizon_ns, now_ns - (constants.twist_wait if record.received else 0))
     _advance(constants, memory, max(target_ns, valid_ns) if fresh else target_ns)
     if fresh:
-        measurement.fuse_twist(constants, memory, (valid_ns - record.twist_ns) * 1e-9, twist)
+        filters.fuse_twist(constants, memory, (valid_ns - record.twist_ns) * 1e-9, twist)
         record.twist_ns, record.received = valid_ns, True
     if record.known:
         _update_posterior(constants, memory)
@@ -126,13 +127,13 @@ def _advance(constants: BankConstants, memory: BankMemory, target_ns: int) -> No
         if stamp_ns > target_ns:  # the time of the twist is between two readings
             share = (until_ns - record.horizon_ns) / (stamp_ns - record.horizon_ns)
             rate = record.gyro + share * (rate - record.gyro)
-        predict(constants, memory, dt, force, pedal > 0.0)
+        filters.predict(constants, memory, dt, force)
         record.horizon_ns = until_ns
         turns = math.isfinite(rate)
         record.inertial = turns and force[0]
         record.equipped = record.equipped or record.inertial
         if turns:
-            measurement.fuse_gyro(constants, memory, dt, rate)
+            filters.fuse_gyro(constants, memory, dt, rate)
         if stamp_ns > target_ns:
             return
         memory.newest[1] = row
@@ -141,7 +142,7 @@ def _advance(constants: BankConstants, memory: BankMemory, target_ns: int) -> No
         push = math.hypot(force[1], force[2]) if force[0] else math.nan
         enable, speeds = reading[wheels:], reading[bank.ROW_WHEELS : wheels]
         fuse_wheels(constants, memory, dt, pedal, enable, speeds, push)
-        measurement.weigh_braking(constants, memory, stamp_ns, pedal)
+        filters.weigh_braking(constants, memory, stamp_ns, pedal)
 
 
 @lean
@@ -208,7 +209,7 @@ def _mix(memory: BankMemory, best: int) -> None:
 
 @lean
 def _keep_precise(
-    constants: BankConstants, memory: BankMemory, best: int, twist: bank.Twist, answer: FloatArray
+    constants: BankConstants, memory: BankMemory, best: int, twist: TwistSample, answer: FloatArray
 ) -> None:
     """Replace components of `answer` by those of the received twist that have a smaller variance.
 
@@ -217,14 +218,14 @@ def _keep_precise(
     squares must be at most 1. The estimated offset of the yaw rate counts as part of the twist's
     error. Both variances describe the motion of base_link.
     """
-    agrees = measurement.GATE * (memory.ratio[0] + memory.ratio[1]) <= answer.size
+    agrees = filters.GATE * (memory.ratio[0] + memory.ratio[1] + memory.ratio[RATE]) <= answer.size
     if best not in bank.TWIST_FAULTS and best != bank.NO_ESTIMATE and agrees:
         covariance, h = memory.covariance[best], memory.h
         for j in range(answer.size):
             offset = memory.state[best, bank.OFFSET] if j == RATE else 0.0
-            measurement.twist_direction(constants, h, j)
+            filters.twist_direction(constants, h, j)
             h[bank.OFFSET] = 0.0
-            if twist.variance[j] + offset**2 < variance_along(covariance, h):
+            if twist.covariance[j, j] + offset**2 < filters.variance_along(covariance, h):
                 answer[j] = twist.value[j]
 
 
@@ -248,7 +249,7 @@ def _answer(constants: BankConstants, memory: BankMemory, best: int, answer: Flo
             state[RATE] = gyro - state[bank.BIAS_RATE]
         known, f_x, f_y = _force(reading)
         used = known and best not in (bank.NO_FORCE, bank.NO_IMU)
-        propagate(state, state[RATE], dt, (used, f_x, f_y))
+        filters.propagate(state, state[RATE], dt, (used, f_x, f_y))
     answer[0] = state[U_X] + state[RATE] * constants.p_y
     answer[1] = state[U_Y] - state[RATE] * constants.p_x
     answer[2] = state[RATE]

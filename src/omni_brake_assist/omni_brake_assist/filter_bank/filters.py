@@ -1,4 +1,14 @@
-"""Prediction of the bank's filters with the accelerometer, and correction with a measurement."""
+"""Filters of the bank: prediction with the accelerometer, correction with gyro and twist.
+
+For each source, the functions compute the prediction, the innovation, its variance, the test ratio
+(normalized innovation squared divided by `GATE`) and the log-likelihood under each hypothesis about
+the faulty source (see `state`). Gyro and twist are fused only if their test ratio is at most 1; the
+twist of a vehicle without an IMU is always fused. The module `wheels` fuses the wheel speeds.
+
+A reading of a faulty gyro or twist is modeled as a random walk from the last reading, with steps as
+large as the vehicle's motion allows. The likelihoods of hypotheses with and without the source are
+thus comparable.
+"""
 
 import math
 
@@ -6,6 +16,10 @@ from omni_brake_assist.filter_bank import state as bank
 from omni_brake_assist.filter_bank.state import BIAS_X, BIAS_Y, RATE, STATES, U_X, U_Y
 from omni_platform.kernels import lean
 from omni_platform.quantities import FloatArray
+from omni_platform.signals import TwistSample
+
+GATE = 30.0
+"""Normalized innovation squared above which a reading is rejected (5.5 standard deviations) [1]."""
 
 
 @lean
@@ -35,7 +49,6 @@ def predict(
     memory: bank.BankMemory,
     dt: float,
     force: tuple[bool, float, float],
-    braking: bool,
 ) -> None:
     """Predict all filters over a step, with the specific force where a filter uses it.
 
@@ -44,10 +57,7 @@ def predict(
         memory: memory of the bank, changed in place.
         dt: length of the step [s].
         force: whether the specific force is valid, and its components along x and y [m/s^2].
-        braking: whether the pedal is down. While it is up, the variances of the constant states
-            (biases, scale, offset) approach their initial values.
     """
-    product = memory.product
     for k in range(bank.FILTERS):
         state, covariance = memory.state[k], memory.covariance[k]
         used = force[0] and k not in (bank.NO_FORCE, bank.NO_IMU)
@@ -59,10 +69,8 @@ def predict(
         bias = -dt if used else 0.0
         for j in range(STATES):
             p_x, p_y, turn = covariance[U_X, j], covariance[U_Y, j], covariance[RATE, j]
-            product[0, j] = cos * p_x + sin * p_y + t_x * turn + bias * covariance[BIAS_X, j]
-            product[1, j] = cos * p_y - sin * p_x + t_y * turn + bias * covariance[BIAS_Y, j]
-        for j in range(STATES):
-            covariance[U_X, j], covariance[U_Y, j] = product[0, j], product[1, j]
+            covariance[U_X, j] = cos * p_x + sin * p_y + t_x * turn + bias * covariance[BIAS_X, j]
+            covariance[U_Y, j] = cos * p_y - sin * p_x + t_y * turn + bias * covariance[BIAS_Y, j]
         for i in range(STATES):
             p_x, p_y, turn = covariance[i, U_X], covariance[i, U_Y], covariance[i, RATE]
             covariance[i, U_X] = cos * p_x + sin * p_y + t_x * turn + bias * covariance[i, BIAS_X]
@@ -71,12 +79,11 @@ def predict(
         covariance[U_X, U_X] += spread
         covariance[U_Y, U_Y] += spread
         covariance[RATE, RATE] += dt * constants.turn**2
-        if not braking:
-            for j in range(bank.BIAS_RATE, STATES):
-                # A vehicle without a twist cannot observe all of these states. The variance
-                # therefore approaches its initial value, and does not grow without limit.
-                missing = constants.initial[j] ** 2 - covariance[j, j]
-                covariance[j, j] += dt * constants.drift**2 * missing
+        for j in range(bank.BIAS_RATE, STATES):
+            # A vehicle without a twist cannot observe all of these states. The variance therefore
+            # approaches its initial value, and does not grow without limit.
+            missing = constants.initial[j] ** 2 - covariance[j, j]
+            covariance[j, j] += dt * constants.drift**2 * missing
 
 
 @lean
@@ -128,3 +135,164 @@ def correct(
         for j in range(STATES):
             if moves or j <= RATE or (learns and first <= j <= last):
                 covariance[i, j] -= gain[i] * gain[j] * share
+
+
+@lean
+def fuse_gyro(
+    constants: bank.BankConstants, memory: bank.BankMemory, dt: float, rate: float
+) -> None:
+    """Correct the filters that use the gyro, and update the likelihoods of all hypotheses.
+
+    Args:
+        constants: constants of the vehicle.
+        memory: memory of the bank, changed in place.
+        dt: time since the last reading [s].
+        rate: yaw rate that the gyro measures [rad/s].
+    """
+    record, h = memory.record[0], memory.h
+    own = constants.rate**2 + (bank.SHARE * rate) ** 2
+    change = rate - record.gyro
+    record.gyro = rate
+    h[:] = 0.0
+    h[RATE] = h[bank.BIAS_RATE] = 1.0
+    for k in range(bank.HYPOTHESES):
+        uses = k not in (bank.NO_GYRO, bank.NO_IMU, bank.NO_ESTIMATE)
+        if uses:
+            innovation = rate - memory.state[k, RATE] - memory.state[k, bank.BIAS_RATE]
+            total = own + variance_along(memory.covariance[k], h)
+        else:
+            innovation = change if math.isfinite(change) else 0.0
+            total = 2.0 * own + dt * constants.turn**2
+        squared = innovation**2 / total
+        memory.evidence[k] -= constants.weight * 0.5 * (min(squared, GATE) + math.log(total))
+        if uses and squared <= GATE:
+            correct(memory, k, innovation, own, (bank.BIAS_RATE, bank.OFFSET))
+
+
+@lean
+def twist_direction(constants: bank.BankConstants, h: FloatArray, j: int) -> None:
+    """Write to `h` the direction in the state space that component `j` of the twist measures."""
+    h[:] = 0.0
+    if j == RATE:
+        h[RATE] = h[bank.OFFSET] = 1.0
+    else:
+        h[j] = 1.0
+        h[RATE] = constants.p_y if j == 0 else -constants.p_x
+
+
+@lean
+def _uses_twist(k: int, j: int) -> bool:
+    """Return whether component `j` of the twist is fault-free under hypothesis `k`."""
+    part = bank.NO_RATE if j == RATE else bank.NO_VELOCITY
+    return k not in (bank.NO_TWIST, bank.NO_ESTIMATE, part)
+
+
+@lean
+def _twist_variance(constants: bank.BankConstants, twist: TwistSample, j: int) -> float:
+    """Return the variance of component `j` of a fault-free twist [square of its unit]."""
+    value = twist.value
+    if j == RATE:
+        return float(twist.covariance[j, j] + constants.rate**2 + (bank.SHARE * value[RATE]) ** 2)
+    speed2 = value[0] ** 2 + value[1] ** 2
+    return float(twist.covariance[j, j] + bank.WHEEL**2 + bank.SHARE**2 * speed2)
+
+
+@lean
+def _twist_error(
+    constants: bank.BankConstants,
+    memory: bank.BankMemory,
+    k: int,
+    j: int,
+    dt: float,
+    twist: TwistSample,
+) -> tuple[float, float]:
+    """Return the innovation of component `j` of a twist under a hypothesis, and its variance.
+
+    Args:
+        constants: constants of the vehicle.
+        memory: memory of the bank; its field `h` is set to the direction of the component.
+        k: number of the hypothesis. Its filter predicts the component; if the component is faulty
+            under this hypothesis, the last twist is the prediction.
+        j: index of the component.
+        dt: time since the last twist [s].
+        twist: the twist.
+    """
+    own, innovation = _twist_variance(constants, twist, j), twist.value[j]
+    if not _uses_twist(k, j):
+        walk = constants.turn if j == RATE else constants.walk
+        return innovation - memory.twist[j], 2.0 * own + dt * walk**2
+    twist_direction(constants, memory.h, j)
+    for i in range(memory.h.size):
+        innovation -= memory.h[i] * memory.state[k, i]
+    return innovation, own + variance_along(memory.covariance[k], memory.h)
+
+
+@lean
+def fuse_twist(
+    constants: bank.BankConstants, memory: bank.BankMemory, dt: float, twist: TwistSample
+) -> None:
+    """Correct the filters that use the twist, and update the likelihoods of all hypotheses.
+
+    Args:
+        constants: constants of the vehicle.
+        memory: memory of the bank, predicted to the time of the twist; changed in place.
+        dt: time since the last twist [s].
+        twist: the twist.
+    """
+    record, last = memory.record[0], memory.twist
+    angle = 0.5 * (last[RATE] + twist.value[RATE]) * dt
+    c, s = math.cos(angle), math.sin(angle)
+    # Rotate the last twist into the body axes at the time of the new one.
+    last[0], last[1] = c * last[0] + s * last[1], c * last[1] - s * last[0]
+    for k in range(bank.HYPOTHESES):
+        squared, rejects, logs = 0.0, 0.0, 0.0
+        for j in range(3):
+            innovation, total = _twist_error(constants, memory, k, j, dt, twist)
+            part = innovation**2 / total
+            squared += part
+            rejects += part if _uses_twist(k, j) else 0.0
+            logs += math.log(total)
+            if k == bank.ALL:
+                memory.ratio[j] = part / GATE
+        memory.evidence[k] -= constants.weight * 0.5 * (min(squared, 2.0 * GATE) + logs)
+        if rejects <= GATE or not record.equipped:
+            for j in range(3):
+                if _uses_twist(k, j):
+                    innovation, _ = _twist_error(constants, memory, k, j, dt, twist)
+                    own = _twist_variance(constants, twist, j)
+                    correct(memory, k, innovation, own, (bank.BIAS_RATE, bank.OFFSET))
+    for j in range(last.size):
+        last[j] = twist.value[j]
+
+
+@lean
+def weigh_braking(
+    constants: bank.BankConstants, memory: bank.BankMemory, now_ns: int, pedal: float
+) -> None:
+    """Reduce the likelihoods of filters whose deceleration in a stop is too small.
+
+    The limit is the deceleration on slippery ground.
+
+    Args:
+        constants: constants of the vehicle.
+        memory: memory of the bank, changed in place.
+        now_ns: time of validity of the filters [ns].
+        pedal: the driver's brake demand, 0 to 1.
+    """
+    loss = memory.loss
+    for row in range(bank.LOSS_STEPS):
+        for k in range(bank.FILTERS + 1):
+            loss[row, k] = loss[row + 1, k]
+    for k in range(bank.FILTERS):
+        loss[bank.LOSS_STEPS, k] = math.hypot(memory.state[k, U_X], memory.state[k, U_Y])
+    loss[bank.LOSS_STEPS, bank.FILTERS] = float(now_ns)
+    time = (loss[bank.LOSS_STEPS, bank.FILTERS] - loss[0, bank.FILTERS]) * 1e-9
+    record = memory.record[0]
+    if record.braked < time + constants.spin_up or not record.equipped:
+        return
+    for k in range(bank.FILTERS):
+        lost = loss[0, k] - loss[bank.LOSS_STEPS, k]
+        least = min(constants.least_loss * pedal * time, 0.5 * loss[0, k])
+        missing = max(least - lost, 0.0)
+        memory.evidence[k] -= constants.wheel_weight * 0.5 * (missing / bank.WHEEL) ** 2
+    memory.evidence[bank.NO_ESTIMATE] -= constants.wheel_weight

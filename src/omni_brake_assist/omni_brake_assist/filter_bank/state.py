@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 from omni_brake_assist.configuration import BrakeAssistConfiguration
 from omni_platform.geometry import PlatformGeometry
 from omni_platform.kernels import lean
-from omni_platform.quantities import BoolArray, FloatArray, IntArray
+from omni_platform.quantities import FloatArray, IntArray
+from omni_platform.signals import VALID, TwistSample
 
 Record = Any
 """Reference to a record of a structured array."""
@@ -57,9 +58,6 @@ BANK = np.dtype(
         ("pressed", "?"),  # whether the pedal was down in the last step
         ("horizon_ns", "i8"),  # time at which the filter states are valid [ns]
         ("twist_ns", "i8"),  # time of validity of the newest twist [ns]
-        ("twist_x", "f8"),  # velocity of that twist [m/s]
-        ("twist_y", "f8"),
-        ("twist_rate", "f8"),  # yaw rate of that twist [rad/s]
         ("gyro", "f8"),  # last reading of the gyro [rad/s], NaN if there is none
         ("braked", "f8"),  # time since the pedal was pressed [s]
         ("unsupported", "f8"),  # time for which no released wheel has rolled [s]
@@ -86,22 +84,6 @@ class Readings(NamedTuple):
     speeds: FloatArray
 
 
-class Twist(NamedTuple):
-    """Latest received twist and its variances.
-
-    Attributes:
-        received: whether there is a valid twist.
-        stamp_ns: stamp of the twist [ns].
-        value: the twist [m/s, m/s, rad/s], shape (3,).
-        variance: variances of the components [m^2/s^2, m^2/s^2, rad^2/s^2], shape (3,).
-    """
-
-    received: bool
-    stamp_ns: int
-    value: FloatArray
-    variance: FloatArray
-
-
 class BankConstants(NamedTuple):
     """Constants of the filter bank.
 
@@ -126,15 +108,14 @@ class BankConstants(NamedTuple):
         walk: random walk of the velocity without the specific force, equal to an acceleration of
             1 g for 0.01 s [m/s/sqrt(s)].
         turn: random walk of the yaw rate, equal to 30 rad/s^2 for 0.01 s [rad/s/sqrt(s)].
-        gyro: standard deviation of the gyro [rad/s].
-        rate: standard deviation of the yaw rate of a fault-free twist [rad/s].
+        rate: standard deviation of the yaw rate of a fault-free gyro or twist [rad/s].
         rebound: standard deviation of a rim's speed while the tire springs back after a release of
             the brake [m/s].
         rebound_time: duration for which the tire springs back [s].
         weight: exponent of the likelihoods of a step, below 1 because errors are correlated [1].
         wheel_weight: exponent of the likelihoods of the wheels in a step [1].
-        drift: random walk of the constant states (biases, scale, offset) while the pedal is up, as
-            a share of their initial standard deviation [1/sqrt(s)].
+        drift: random walk of the constant states (biases, scale, offset), as a share of their
+            initial standard deviation [1/sqrt(s)].
         transition: probability of a transition between hypotheses in a step [1].
         velocity_deviation: limit on the standard deviation of the velocity of a valid estimate
             [m/s].
@@ -158,8 +139,7 @@ class BankConstants(NamedTuple):
     force: float = 0.02
     walk: float = 1.0
     turn: float = 3.0
-    gyro: float = 0.01
-    rate: float = 0.02
+    rate: float = 0.01
     rebound: float = 0.25
     rebound_time: float = 0.15
     weight: float = 0.3
@@ -178,13 +158,12 @@ class BankMemory(NamedTuple):
         posterior: log probabilities of the hypotheses, shape (8,).
         evidence: log likelihood of the readings of a step under each hypothesis, shape (8,).
         record: stamps and flags, a record of `BANK`, shape (1,).
+        twist: last received twist [m/s, m/s, rad/s], shape (3,).
         released: time for which each brake has been released [s], shape (N,).
         rim: last speed of each rim along the active direction [m/s], shape (N,).
-        mark: rim speed of each released wheel to which later speeds are compared to detect a gain
-            [m/s], shape (N,): the speed at the last gain, or the lowest speed since the release if
-            there has been no gain.
+        mark: lowest speed of the rim of each released wheel since it gained speed [m/s], shape
+            (N,); a later speed that is higher by a limit is the next gain.
         idle: time for which the rim of each released wheel has not gained speed [s], shape (N,).
-        gained: whether the rim of each wheel has gained speed since its release, shape (N,).
         share: speed of each braked rim while its slip is constant, as a share of its speed in
             rolling [1], shape (N,).
         torque: filtered command of each brake since the slip is constant, as a share of the largest
@@ -194,8 +173,8 @@ class BankMemory(NamedTuple):
         faulty: probability under each hypothesis that the encoder of a wheel is faulty [1],
             shape (8, N); 0 under NO_ESTIMATE.
         wheel_ratio: test ratio of each wheel, NaN while it slides [1], shape (N,).
-        ratio: test ratios of velocity and yaw rate of the twist in the filter of all sources,
-            shape (2,).
+        ratio: test ratios of the components of the twist in the filter of all sources [1],
+            shape (3,).
         loss: speed of each of the 7 filters after each of the last steps [m/s], and the times of
             these steps [ns] in the last column, shape (11, 8).
         rows: readings of the past steps, a ring buffer; each row contains pedal, yaw rate,
@@ -205,7 +184,6 @@ class BankMemory(NamedTuple):
             shape (2,).
         h: direction in the state space that a measurement observes, shape (8,).
         gain: Kalman gain of a correction, shape (8,).
-        product: temporary rows of a matrix product, shape (2, 8).
     """
 
     state: FloatArray
@@ -213,11 +191,11 @@ class BankMemory(NamedTuple):
     posterior: FloatArray
     evidence: FloatArray
     record: NDArray[np.void]
+    twist: FloatArray
     released: FloatArray
     rim: FloatArray
     mark: FloatArray
     idle: FloatArray
-    gained: BoolArray
     share: FloatArray
     torque: FloatArray
     most: FloatArray
@@ -230,7 +208,6 @@ class BankMemory(NamedTuple):
     newest: IntArray
     h: FloatArray
     gain: FloatArray
-    product: FloatArray
 
 
 def least_loss(wheels: int) -> float:
@@ -275,29 +252,28 @@ def bank_memory(wheels: int) -> BankMemory:
         np.zeros(HYPOTHESES),
         np.zeros(HYPOTHESES),
         np.zeros(1, BANK),
+        np.zeros(3),
         np.zeros(wheels),
         np.full(wheels, np.nan),
         np.zeros(wheels),
         np.zeros(wheels),
-        np.zeros(wheels, np.bool_),
         np.zeros(wheels),
         np.zeros(wheels),
         np.zeros(wheels),
         np.zeros((HYPOTHESES, wheels)),
         np.full(wheels, np.nan),
-        np.zeros(2),
+        np.zeros(3),
         np.zeros((LOSS_STEPS + 1, FILTERS + 1)),
         np.zeros((READINGS, ROW_WHEELS + 2 * wheels)),
         np.full(READINGS, -1, np.int64),
         np.zeros(2, np.int64),
         np.zeros(STATES),
         np.zeros(STATES),
-        np.zeros((2, STATES)),
     )
 
 
 @lean
-def begin(constants: BankConstants, memory: BankMemory, now_ns: int, twist: Twist) -> None:
+def begin(constants: BankConstants, memory: BankMemory, now_ns: int, twist: TwistSample) -> None:
     """Initialize all filters with large variances, and with the twist if one has been received.
 
     Without a twist, the wheels determine the velocity. They roll, because the pedal is up.
@@ -307,24 +283,23 @@ def begin(constants: BankConstants, memory: BankMemory, now_ns: int, twist: Twis
     bank.begun = True
     bank.horizon_ns = now_ns
     bank.twist_ns = now_ns - 1
-    bank.received = twist.received
-    if twist.received:
-        bank.twist_x, bank.twist_y, bank.twist_rate = twist.value[0], twist.value[1], twist.value[2]
+    bank.received = twist.validity == VALID
+    for j in range(memory.twist.size):
+        memory.twist[j] = twist.value[j] if bank.received else 0.0
     bank.gyro = math.nan
     memory.newest[1] = memory.newest[0]
     memory.released[:] = 0.0
     memory.rim[:] = math.nan
     memory.idle[:] = memory.mark[:] = memory.torque[:] = memory.most[:] = 0.0
     memory.faulty[:FILTERS] = PRIOR
-    memory.gained[:] = False
     memory.loss[:] = 0.0
     memory.covariance[:] = 0.0
     memory.state[:] = 0.0
     reset_posterior(constants, memory)
     for k in range(FILTERS):
-        memory.state[k, U_X] = bank.twist_x - bank.twist_rate * constants.p_y
-        memory.state[k, U_Y] = bank.twist_y + bank.twist_rate * constants.p_x
-        memory.state[k, RATE] = bank.twist_rate
+        memory.state[k, U_X] = memory.twist[0] - memory.twist[RATE] * constants.p_y
+        memory.state[k, U_Y] = memory.twist[1] + memory.twist[RATE] * constants.p_x
+        memory.state[k, RATE] = memory.twist[RATE]
         for j in range(STATES):
             memory.covariance[k, j, j] = constants.initial[j] ** 2
 

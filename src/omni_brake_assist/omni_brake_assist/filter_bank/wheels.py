@@ -9,15 +9,13 @@ import math
 from typing import NamedTuple
 
 from omni_brake_assist.filter_bank import state as bank
-from omni_brake_assist.filter_bank.filters import correct, variance_along
-from omni_brake_assist.filter_bank.measurement import GATE
+from omni_brake_assist.filter_bank.filters import GATE, correct, variance_along
 from omni_brake_assist.filter_bank.state import RATE, SCALE, U_X, U_Y, BankConstants, BankMemory
 from omni_platform.kernels import lean
 from omni_platform.quantities import FloatArray
 
 # A released wheel counts as idle while its rim gains less speed than _GAIN [m/s]. An idle wheel
-# either rolls, or its brake still acts. The torque of a released brake only falls. The rim of a
-# sliding wheel may therefore slow down at first, but after its first gain it only gains speed.
+# either rolls, or its brake still acts.
 # On ice (friction 0.1, load 2500 N, radius 0.2 m, inertia 1 kg m^2) the speed of a rim rises by
 # _GAIN in 0.01 s. The idle time has a Rayleigh distribution. Its mode is _IDLE / sqrt(2) [s] for a
 # sliding wheel, because the torques of brake and friction are equal only briefly. For a locked
@@ -85,7 +83,7 @@ def fuse_wheels(
     """
     record, slip = memory.record[0], _slip(constants, memory, push)
     released, rolling, braking = False, False, pedal > 0.0
-    span = _SPEED_RANGE + _SPEED_SHARE * math.hypot(record.twist_x, record.twist_y)
+    span = _SPEED_RANGE + _SPEED_SHARE * math.hypot(memory.twist[0], memory.twist[1])
     # Without an estimate, encoders are as probably faulty as under the best hypothesis.
     best = min(record.best, bank.NO_IMU)
     for i in range(speeds.size):
@@ -97,19 +95,16 @@ def fuse_wheels(
         if math.isnan(rim):
             continue
         acts = not braking or memory.released[i] < constants.spin_up
-        gains = abs(rim) > memory.mark[i] + _GAIN
-        if acts or gains:
-            memory.idle[i], memory.mark[i], memory.gained[i] = 0.0, abs(rim), not acts
-        elif not memory.gained[i]:
-            memory.mark[i] = min(memory.mark[i], abs(rim))
+        if acts or abs(rim) > memory.mark[i] + _GAIN:
+            memory.idle[i], memory.mark[i] = 0.0, abs(rim)
+        memory.mark[i] = min(memory.mark[i], abs(rim))
         memory.idle[i] += dt
         wheel = _mixture(constants, memory, i, (dt, braking, load), (change, slip, span))
         faulty, weight = memory.faulty[best, i], constants.wheel_weight
         likelihood = (1.0 - faulty) * (wheel.locked + 1.0 / span) ** weight
         memory.evidence[bank.NO_ESTIMATE] += math.log(likelihood + faulty / span**weight)
         for k in range(bank.FILTERS):
-            possible = _fuse_wheel(constants, memory, i, k, wheel)
-            _update_encoder(constants, memory.faulty[k], i, possible * span)
+            _fuse_wheel(constants, memory, i, k, wheel)
         released = released or load == 0.0
         rolling = rolling or math.isfinite(memory.wheel_ratio[i])
     record.unsupported += dt if braking and released else 0.0
@@ -207,14 +202,10 @@ def _largest_slip(
 @lean
 def _fuse_wheel(
     constants: BankConstants, memory: BankMemory, i: int, k: int, wheel: _Wheel
-) -> float:
-    """Update the evidence of filter `k` with the speed of wheel `i`.
+) -> None:
+    """Update the evidence of filter `k` and its encoder probability with the speed of wheel `i`.
 
     If the wheel probably rolls, the filter is also corrected.
-
-    Returns:
-        Likelihood of the reading if the encoder is fault-free [s/m]. The contribution of sliding to
-        it is at most the likelihood of the reading with a faulty encoder.
     """
     rolls, slides, locked, own, excess, span, limit = wheel
     h, state, rim = memory.h, memory.state[k], memory.rim[i]
@@ -239,8 +230,8 @@ def _fuse_wheel(
     faulty = memory.faulty[k, i]
     for other in memory.faulty[k]:
         faulty = min(faulty, bank.PRIOR) if other > faulty else faulty
-    # The exponent is that of `_update_encoder`, so that hypotheses are compared together with the
-    # faults of encoders that they imply.
+    # The exponent is the same for both, so that hypotheses are compared together with the faults of
+    # encoders that they imply.
     memory.evidence[k] += math.log((1.0 - faulty) * possible**weight + faulty / span**weight)
     if (1.0 - faulty) * rolling > 0.5 * ((1.0 - faulty) * possible + faulty / span):
         if k == memory.record[0].best:
@@ -249,20 +240,7 @@ def _fuse_wheel(
         # no bias of another sensor. Without a twist, only the wheels can correct the biases.
         first = SCALE if memory.record[0].received else bank.BIAS_RATE
         correct(memory, k, innovation, variance, (first, SCALE))
-    # A reading that sliding could explain is no evidence that the encoder works.
-    return float(rolling + min(sliding, 1.0 / span))
-
-
-@lean
-def _update_encoder(constants: BankConstants, faults: FloatArray, i: int, odds: float) -> None:
-    """Update the probability that the encoder of wheel `i` is faulty by Bayes' rule.
-
-    Args:
-        constants: constants of the vehicle.
-        faults: probabilities of faulty encoders under a hypothesis, changed in place, shape (N,).
-        i: index of the wheel.
-        odds: ratio of the reading's likelihoods with a fault-free and with a faulty encoder [1].
-    """
-    faulty = faults[i]
-    faulty /= faulty + (1.0 - faulty) * odds**constants.wheel_weight
-    faults[i] = faulty + constants.transition * (bank.PRIOR - faulty)
+    # Bayes' rule. A reading that sliding could explain is no evidence that the encoder works.
+    odds, faulty = (rolling + min(sliding, 1.0 / span)) * span, memory.faulty[k, i]
+    faulty /= faulty + (1.0 - faulty) * odds**weight
+    memory.faulty[k, i] = faulty + constants.transition * (bank.PRIOR - faulty)

@@ -118,27 +118,21 @@ def watch_brakes(
         memory[-1] = _SLIDE_VALIDITY
         return NO_WHEEL
     memory[-1] += dt
-    for looks_for_slides in (True, False):
-        for i in range(speeds.size):
-            hub = constants.n_x[i] * twist[0] + constants.n_y[i] * twist[1]
-            hub += constants.lever[i] * twist[2]
-            command = wheels.commanded[i]
-            weak = pedal * command < _LEAST if looks_for_slides else command < 1.0 - RELEASED
-            if not looks_for_slides:
-                net = speeds.size + i
-                if weak and memory[net] == 0.0:
-                    memory[i] = 0.0
-                memory[net] = max(memory[net] + (-dt if weak else dt), 0.0)
-            if weak or abs(hub) < _SLOW:
-                continue
-            rim = constants.roll[i] * speeds[i] / (1.0 + wheels.scale)
-            behind = hub - rim if hub >= 0.0 else rim - hub
-            deviation = behind / (WHEEL + SHARE * abs(hub))
-            if looks_for_slides:
-                if deviation > _SLIDES:
-                    memory[-1] = 0.0
-            elif memory[-1] < _SLIDE_VALIDITY or abs(deviation) > _ROLLS:
-                memory[i] = max(memory[i] + (1.0 - (deviation / _ROLLS) ** 2) * dt, 0.0)
+    for i in range(speeds.size):
+        hub = constants.n_x[i] * twist[0] + constants.n_y[i] * twist[1]
+        hub += constants.lever[i] * twist[2]
+        rim = constants.roll[i] * speeds[i] / (1.0 + wheels.scale)
+        behind = hub - rim if hub >= 0.0 else rim - hub
+        deviation = behind / (WHEEL + SHARE * abs(hub))
+        command, net, fast = wheels.commanded[i], speeds.size + i, abs(hub) >= _SLOW
+        if fast and pedal * command >= _LEAST and deviation > _SLIDES:
+            memory[-1] = 0.0
+        acts = command >= 1.0 - RELEASED
+        if not acts and memory[net] == 0.0:
+            memory[i] = 0.0
+        memory[net] = max(memory[net] + (dt if acts else -dt), 0.0)
+        if acts and fast and (memory[-1] < _SLIDE_VALIDITY or abs(deviation) > _ROLLS):
+            memory[i] = max(memory[i] + (1.0 - (deviation / _ROLLS) ** 2) * dt, 0.0)
     for i in range(speeds.size):
         if memory[i] > constants.time:
             return i

@@ -14,11 +14,9 @@ of the speed of the wheels about the platform center, which the gyro measures. A
 all encoders and the twist share therefore does not shorten the computed distance. Without an IMU
 such an error cannot be observed, and ``v`` decreases by at most `loss` per second. While all brakes
 act, nothing is added to ``M``. The deceleration ``a`` is measured in two ways: as the low-passed
-specific force, and as the difference between ``v`` and its low-pass. The larger of the two ratios
-``a / c`` is used. With an IMU, the possible deceleration ``c`` is the largest deceleration observed
-in this stop, scaled by the pedal position, and at least `least_loss`, which is possible even with
-little friction. Without an IMU, ``c`` is `least_loss`, because a rim that begins to slide
-decelerates faster than the vehicle.
+specific force, and as the difference between ``v`` and its low-pass. The larger of the two is used.
+The possible deceleration ``c`` is the largest low-passed specific force in this stop, scaled by the
+pedal position, and at least `least_loss`, which is possible even with little friction.
 
 Two more bounds limit how long brakes may be released. The first is the duration of a stop with the
 mean deceleration `least`, extended by `grace`. The second is used only with an IMU: at the end of a
@@ -58,11 +56,8 @@ _LEDGER = np.dtype(
         ("turn", "f8"),  # magnitude of the yaw rate [rad/s], NaN if unknown
         ("force_x", "f8"),  # low-passed specific force, x [m/s^2]
         ("force_y", "f8"),
-        ("force_time", "f8"),  # duration for which the specific force has been known [s]
-        ("best_force", "f8"),  # largest deceleration measured by the IMU [m/s^2]
-        ("force_pedal", "f8"),  # pedal position at the time of `best_force` [1]
-        ("best_loss", "f8"),  # largest deceleration measured by the rims [m/s^2]
-        ("loss_pedal", "f8"),  # pedal position at the time of `best_loss` [1]
+        ("best_force", "f8"),  # largest low-passed specific force [m/s^2]
+        ("best_pedal", "f8"),  # pedal position at the time of `best_force` [1]
         ("stalled", "f8"),  # time without much deceleration at the end of the stop [s]
     ]
 )
@@ -156,17 +151,13 @@ def watch_effect(
     ledger.elapsed += dt
     ledger.demanded += pedal * dt
     felt = math.isfinite(force_x + force_y)
-    loss = constants.loss
-    if felt:
-        loss = math.hypot(force_x, force_y)
+    loss = math.hypot(force_x, force_y) if felt else constants.loss
     fallen = ledger.speed - (loss * dt if known else 0.0)
     if math.isfinite(ledger.turn - turn):
         fallen -= constants.reach * (ledger.turn - turn)
     ledger.turn = turn
     ledger.speed = max(top, fallen, 0.0)
-    achieved = _share_of_wheels(constants, ledger, dt, pedal, felt)
-    if felt:
-        achieved = max(achieved, _share_of_force(constants, ledger, dt, pedal, (force_x, force_y)))
+    achieved = _achieved(constants, ledger, dt, pedal, inertial)
     length = pedal * ledger.speed * dt
     if released:
         ledger.missed += (1.0 - achieved) * length
@@ -181,76 +172,27 @@ def watch_effect(
 
 
 @lean
-def _share_of_wheels(
-    constants: EffectConstants, ledger: Record, dt: float, pedal: float, felt: bool
+def _achieved(
+    constants: EffectConstants, ledger: Record, dt: float, pedal: float, inertial: FloatArray
 ) -> float:
-    """Return the rate of decrease of ``v`` divided by the possible deceleration, 0 to 1.
+    """Return the deceleration divided by the possible deceleration, 0 to 1.
 
-    The module's docstring defines both quantities.
-
-    Args:
-        constants: constants of the vehicle.
-        ledger: memory of the monitor, changed in place.
-        dt: length of the step [s].
-        pedal: the driver's brake demand, 0 to 1.
-        felt: whether the specific force is known. If not, this step cannot raise the largest
-            observed deceleration, because ``v`` may be the speed of a sliding rim, which
-            decelerates faster than the vehicle.
+    The module's docstring defines both quantities. The arguments are those of `watch_effect`.
     """
     time = constants.wheel_time
-    follow = 1.0 - math.exp(-dt / time)
     settled = 1.0 - math.exp(-ledger.elapsed / time)
-    ledger.mean_speed += follow * (ledger.speed - ledger.mean_speed)
+    ledger.mean_speed += (1.0 - math.exp(-dt / time)) * (ledger.speed - ledger.mean_speed)
     loss = (ledger.mean_speed - ledger.speed) / (time * settled) if settled > 0.0 else 0.0
-    if settled > _SETTLED and felt and loss > ledger.best_loss:
-        ledger.best_loss, ledger.loss_pedal = loss, pedal
-    least = constants.least_loss
-    return float(_share(loss, pedal, least, ledger.best_loss, ledger.loss_pedal))
-
-
-@lean
-def _share_of_force(
-    constants: EffectConstants, ledger: Record, dt: float, pedal: float, force: tuple[float, float]
-) -> float:
-    """Return the low-passed specific force divided by the possible deceleration, 0 to 1.
-
-    The module's docstring defines both quantities.
-
-    Args:
-        constants: constants of the vehicle.
-        ledger: memory of the monitor, changed in place.
-        dt: length of the step [s].
-        pedal: the driver's brake demand, 0 to 1.
-        force: specific force along x and y [m/s^2].
-    """
-    time = constants.force_time
-    follow = 1.0 - math.exp(-dt / time)
-    ledger.force_time += dt
-    settled = 1.0 - math.exp(-ledger.force_time / time)
-    ledger.force_x += follow * (force[0] - ledger.force_x)
-    ledger.force_y += follow * (force[1] - ledger.force_y)
-    loss = math.hypot(ledger.force_x, ledger.force_y) / settled if settled > 0.0 else 0.0
-    if settled > _SETTLED and loss > ledger.best_force:
-        ledger.best_force, ledger.force_pedal = loss, pedal
-    least = constants.least_loss
-    return float(_share(loss, pedal, least, ledger.best_force, ledger.force_pedal))
-
-
-@lean
-def _share(loss: float, pedal: float, least: float, best: float, best_pedal: float) -> float:
-    """Return a deceleration divided by the possible deceleration, limited to 0 to 1.
-
-    The possible deceleration is the larger of `least` and `best`, after each is scaled to the
-    present pedal position. `best` is never scaled up.
-
-    Args:
-        loss: deceleration [m/s^2].
-        pedal: pedal position, above 0 [1].
-        least: deceleration with the pedal fully down that is always possible [m/s^2].
-        best: largest deceleration measured in this stop [m/s^2].
-        best_pedal: pedal position at that measurement [1], 0 before the first measurement.
-    """
-    possible = least * pedal
-    if best_pedal > 0.0:
-        possible = max(possible, best * min(pedal / best_pedal, 1.0))
+    if math.isfinite(inertial[1] + inertial[2]):
+        follow = 1.0 - math.exp(-dt / constants.force_time)
+        settled = 1.0 - math.exp(-ledger.elapsed / constants.force_time)
+        ledger.force_x += follow * (inertial[1] - ledger.force_x)
+        ledger.force_y += follow * (inertial[2] - ledger.force_y)
+        force = math.hypot(ledger.force_x, ledger.force_y) / settled if settled > 0.0 else 0.0
+        if settled > _SETTLED and force > ledger.best_force:
+            ledger.best_force, ledger.best_pedal = force, pedal
+        loss = max(loss, force)
+    possible = constants.least_loss * pedal
+    if ledger.best_pedal > 0.0:
+        possible = max(possible, ledger.best_force * min(pedal / ledger.best_pedal, 1.0))
     return min(max(loss / possible, 0.0), 1.0)

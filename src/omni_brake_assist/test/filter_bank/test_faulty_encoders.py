@@ -1,6 +1,5 @@
 """Encoders whose readings a rolling or sliding wheel can, or cannot, have."""
 
-import math
 from collections.abc import Callable
 
 import numpy as np
@@ -11,12 +10,12 @@ from omni_brake_assist.filter_bank.bank import estimate
 from omni_brake_assist.filter_bank.state import (
     ALL,
     Readings,
-    Twist,
     bank_constants,
     bank_memory,
 )
 from omni_platform.brakes import BrakeConfiguration
 from omni_platform.geometry import PlatformGeometry, WheelMount
+from omni_platform.signals import TwistSample
 
 PERIOD_NS = 10_000_000
 STEP = 0.01  # [s]
@@ -63,7 +62,7 @@ def isolated_encoder(
                 np.array([0.0, -BRAKE if k > 0 else 0.0, 0.0]),
                 speeds,
             ),
-            Twist(True, (k + PEDAL) * PERIOD_NS, np.array([v, 0.0, 0.0]), np.full(3, 1e-6)),
+            TwistSample((k + PEDAL) * PERIOD_NS, np.array([v, 0.0, 0.0]), 1e-6 * np.eye(3)),
             answer,
         )
         assert memory.record[0]["best"] == ALL
@@ -83,7 +82,6 @@ def isolated_encoder(
         (lambda _t, _rolling: 0.0, 0.0),
         (lambda _t, rolling: rolling - 6.0, 0.0),
         (lambda _t, _rolling: 20.0, 0.0),
-        (lambda t, _rolling: 8.0 - 4.0 * math.cos(80.0 * t), 0.0),  # slows down after a gain
         (lambda _t, rolling: -rolling, 1.0),
         (lambda _t, rolling: rolling + 6.0, 1.0),
     ],

@@ -11,6 +11,7 @@ from omni_brake_assist.filter_bank.bank import estimate
 from omni_platform.geometry import PlatformGeometry, WheelMount
 from omni_platform.kinematics import PlatformKinematics
 from omni_platform.quantities import FloatArray
+from omni_platform.signals import MISSING, VALID, TwistSample
 
 RELEASED = "brakes released when they should act"
 ISOLATED = "fault isolation: the reading contradicts "
@@ -110,7 +111,9 @@ class Drive:
                 speeds[0] = min(speeds[0], size * (step - onset))
             now_ns, answer = step * PERIOD_NS, np.full(3, np.nan)
             readings = bank.Readings(1.0 if braking else 0.0, enable, inertial, speeds)
-            measured = bank.Twist(received, taken * PERIOD_NS, twist, np.full(3, self.variance))
+            measured = TwistSample(
+                taken * PERIOD_NS, twist, self.variance * np.eye(3), VALID if received else MISSING
+            )
             found = estimate(self.constants, self.memory, now_ns, readings, measured, answer)
             self.chosen.append(found)
             self.answers.append(answer)
@@ -166,7 +169,7 @@ def test_without_a_twist_the_estimate_stays_valid_during_a_long_drive(drive: Dri
     speeds, period_ns = drive.kinematics.wheel_speeds(twist), 5 * PERIOD_NS
     readings = bank.Readings(0.0, np.ones(wheels), np.zeros(3), speeds)
     for step in range(60 * 60 * 20):  # an hour
-        missing = bank.Twist(False, 0, np.full(3, np.nan), np.zeros(3))
+        missing = TwistSample(0, np.full(3, np.nan), np.zeros((3, 3)), MISSING)
         now_ns = step * period_ns
         chosen = estimate(drive.constants, drive.memory, now_ns, readings, missing, answer)
     assert chosen == bank.ALL
@@ -378,7 +381,7 @@ def test_a_release_of_the_pedal_resets_isolation(drive: Drive) -> None:
         drive.memory,
         120 * PERIOD_NS,
         bank.Readings(0.0, np.ones(4), inertial, speeds),
-        bank.Twist(False, 0, np.zeros(3), np.zeros(3)),
+        TwistSample(0, np.zeros(3), np.zeros((3, 3)), MISSING),
         answer,
     )
     assert drive.memory.record[0]["best"] == bank.ALL
@@ -415,7 +418,7 @@ def drive_and_brake(
         speeds = drive.kinematics.wheel_speeds(np.zeros(3) if step > PEDAL else driven)
         readings = bank.Readings(1.0 if braking else 0.0, enable, missing, speeds)
         now_ns = step * PERIOD_NS
-        taken = bank.Twist(True, now_ns, twist, np.full(3, 1e-6))
+        taken = TwistSample(now_ns, twist, 1e-6 * np.eye(3))
         found.add(estimate(drive.constants, drive.memory, now_ns, readings, taken, answer))
     return found
 
@@ -457,7 +460,7 @@ def test_wheels_contradict_a_fault_that_twist_and_imu_share(
         stamp = (k + PEDAL) * PERIOD_NS
         force = np.array([0.0, -9.81 if k > 0 else 0.0, 0.0])
         readings = bank.Readings(float(k >= 0), np.array([0.0, 1.0, 1.0, 1.0]), force, speeds)
-        twist = bank.Twist(True, stamp, np.array([START - 9.81 * time, 0.0, 0.0]), np.full(3, 1e-6))
+        twist = TwistSample(stamp, np.array([START - 9.81 * time, 0.0, 0.0]), 1e-6 * np.eye(3))
         found = estimate(constants, memory, stamp, readings, twist, answer)
         if time > within:
             errors.append(0.0 if found == bank.NO_ESTIMATE else abs(answer[0] - START))
