@@ -110,8 +110,10 @@ class BankConstants(NamedTuple):
         turn: random walk of the yaw rate, equal to 30 rad/s^2 for 0.01 s [rad/s/sqrt(s)].
         rate: standard deviation of the yaw rate of a fault-free gyro or twist [rad/s].
         rebound: standard deviation of a rim's speed while the tire springs back after a release of
-            the brake [m/s].
-        rebound_time: duration for which the tire springs back [s].
+            the brake [m/s]. With critical damping, the root mean square of the rim's excess speed
+            over the time T is F / sqrt(4 c m w T), for the friction force F = 2000 N, the tire's
+            stiffness c = 2e5 N/m, the rim's mass m = 25 kg, w = sqrt(c / m) and T = `rebound_time`.
+        rebound_time: time in which the rim speeds up and the tire springs back [s].
         weight: exponent of the likelihoods of a step, below 1 because errors are correlated [1].
         wheel_weight: exponent of the likelihoods of the wheels in a step [1].
         drift: random walk of the constant states (biases, scale, offset), as a share of their
@@ -140,7 +142,7 @@ class BankConstants(NamedTuple):
     walk: float = 1.0
     turn: float = 3.0
     rate: float = 0.01
-    rebound: float = 0.25
+    rebound: float = 0.12
     rebound_time: float = 0.15
     weight: float = 0.3
     wheel_weight: float = 0.2
