@@ -17,6 +17,7 @@ along a ramp. Like any speed controller, it also accelerates a wheel that is slo
 command, so it does not lock the wheel.
 """
 
+import math
 from typing import NamedTuple
 
 from omni_platform.kernels import lean_inline
@@ -102,15 +103,14 @@ def wheel_step(
         spin: spin of the wheel at the start of the step.
         drive: drive of the wheel.
     """
-    if drive.stiffness <= 0.0:
-        return _braked(tire, curve, patch, hub, spin, 0.0)
-    coupled = Spin(spin.speed, spin.inertia + tire.dt * drive.stiffness, spin.brake)
-    driven = tire.dt * drive.stiffness * (drive.speed - spin.speed)
-    step = _braked(tire, curve, patch, hub, coupled, driven)
-    torque = drive.stiffness * (drive.speed - step.speed)
-    if abs(torque) > drive.limit:
-        limited = drive.limit if torque > 0.0 else -drive.limit
-        step = _braked(tire, curve, patch, hub, spin, tire.dt * limited)
+    moving = Spin(spin.speed, spin.inertia + tire.dt * drive.stiffness, spin.brake)
+    impulse = tire.dt * drive.stiffness * (drive.speed - spin.speed)
+    for _ in range(2):  # a loop, so that the code of a step exists once
+        step = _braked(tire, curve, patch, hub, moving, impulse)
+        torque = drive.stiffness * (drive.speed - step.speed)
+        if not abs(torque) > drive.limit:  # nor NaN
+            break
+        moving, impulse = spin, tire.dt * math.copysign(drive.limit, torque)
     return step
 
 
@@ -123,12 +123,10 @@ def _braked(
     The arguments are those of `_rolling`, except that the brake of `spin` acts; its torque is not
     included in `impulse`.
     """
-    if spin.brake <= 0.0:
-        return _rolling(tire, curve, patch, hub, spin, impulse)
-    if spin.speed != 0.0:
-        torque = -spin.brake if spin.speed > 0.0 else spin.brake
+    if spin.brake <= 0.0 or spin.speed != 0.0:
+        torque = 0.0 - spin.brake if spin.speed > 0.0 else spin.brake  # not -0.0
         s = _rolling(tire, curve, patch, hub, spin, impulse + tire.dt * torque)
-        if s.speed * spin.speed > 0.0:
+        if spin.brake <= 0.0 or s.speed * spin.speed > 0.0:
             return WheelStep(s.force, s.deflection, s.speed, torque, s.patch_velocity, s.sliding)
     # The wheel is at rest, or stops within this step.
     force, deflection, velocity, sliding = tire_force(
