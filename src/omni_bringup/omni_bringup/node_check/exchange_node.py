@@ -15,18 +15,12 @@ from pathlib import Path
 from typing import Any
 
 import rclpy
+from rclpy import qos as policies
 from rclpy.context import Context
 from rclpy.exceptions import InvalidNamespaceException
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.publisher import Publisher
-from rclpy.qos import (
-    QoSCompatibility,
-    QoSProfile,
-    QoSReliabilityPolicy,
-    qos_check_compatible,
-    qos_profile_sensor_data,
-)
 from rclpy.serialization import deserialize_message, serialize_message
 from rclpy.validate_namespace import validate_namespace
 from rosgraph_msgs.msg import Clock
@@ -208,7 +202,7 @@ class Partner:
     def publishers(self, topic: str) -> list[bool]:
         """Return for each discovered publisher of a topic whether it is reliable."""
         found = self.node.get_publishers_info_by_topic(topic)
-        reliable = QoSReliabilityPolicy.RELIABLE
+        reliable = policies.QoSReliabilityPolicy.RELIABLE
         return [entry.qos_profile.reliability == reliable for entry in found]
 
     def close(self) -> None:
@@ -295,7 +289,7 @@ def _exchange(
             raise WorkError(
                 f"{output.path} is published as {entry.topic_type}; must be {output.type}"
             )
-    qos = RELIABLE if all(exchange.publishers) else qos_profile_sensor_data
+    qos = RELIABLE if all(exchange.publishers) else policies.qos_profile_sensor_data
     partner.node.create_subscription(exchange.kind, output.path, exchange.keep, qos, raw=True)
     partner.spin(time.monotonic() + _LISTEN)  # until the node has discovered the subscription
     deadline = time.monotonic() + _START
@@ -306,7 +300,7 @@ def _exchange(
     return exchange
 
 
-def subscribe(partner: Partner, topic: Topic, qos: QoSProfile) -> list[tuple[int, Any]]:
+def subscribe(partner: Partner, topic: Topic, qos: policies.QoSProfile) -> list[tuple[int, Any]]:
     """Subscribe to a topic; return the list to which received messages are appended.
 
     An entry consists of the time of publication [ns] and the message. Unlike the time of reception,
@@ -331,9 +325,9 @@ def _incompatible(node: Node, topics: Iterable[str]) -> Iterator[tuple[str, str]
     for topic in topics:
         publishers = node.get_publishers_info_by_topic(topic)
         subscriptions = node.get_subscriptions_info_by_topic(topic)
-        for publisher, subscription in itertools.product(publishers, subscriptions):
-            fits, reason = qos_check_compatible(publisher.qos_profile, subscription.qos_profile)
-            if fits == QoSCompatibility.ERROR:
+        for pair in itertools.product(publishers, subscriptions):
+            fits, reason = policies.qos_check_compatible(*(end.qos_profile for end in pair))
+            if fits == policies.QoSCompatibility.ERROR:
                 yield topic, reason.removeprefix("ERROR: ").rstrip("; ")
 
 

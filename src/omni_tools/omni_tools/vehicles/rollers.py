@@ -14,12 +14,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from omni_platform import kinematics
 from omni_platform.geometry import PlatformGeometry, WheelMount
-from omni_platform.kinematics import (
-    PlatformKinematics,
-    UnusablePlatformError,
-    smallest_singular_value,
-)
 
 _MIRRORS = (np.array([1.0, -1.0]), np.array([-1.0, 1.0]))  # about the x axis, the y axis
 
@@ -43,10 +39,10 @@ class Rollers(NamedTuple):
     @classmethod
     def of(cls, wheels: Mapping[str, WheelMount]) -> Rollers:
         """Return the arrangement of the rollers of the given wheels."""
-        kinematics = PlatformKinematics.of(wheels)
-        geometry = kinematics.geometry
-        lever = float(np.min(np.abs(kinematics.matrix[:, 2])))
-        return cls(_shape(geometry), smallest_singular_value(kinematics.matrix, geometry), lever)
+        platform = kinematics.PlatformKinematics.of(wheels)
+        matrix, geometry = platform.matrix, platform.geometry
+        smallest = kinematics.smallest_singular_value(matrix, geometry)
+        return cls(_shape(geometry), smallest, float(np.min(np.abs(matrix[:, 2]))))
 
 
 def roller_remarks(wheels: Mapping[str, WheelMount], poor: float = 0.5) -> tuple[str, ...]:
@@ -70,7 +66,7 @@ def roller_remarks(wheels: Mapping[str, WheelMount], poor: float = 0.5) -> tuple
     opposite = {name: _flipped(mount) for name, mount in wheels.items()}
     try:
         best = Rollers.of(opposite).smallest_singular_value
-    except UnusablePlatformError:
+    except kinematics.UnusablePlatformError:
         return ()
     if rollers.smallest_singular_value < poor * best:
         return (
