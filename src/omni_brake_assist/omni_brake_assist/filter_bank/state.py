@@ -166,12 +166,13 @@ class BankMemory(NamedTuple):
         mark: lowest speed of the rim of each released wheel since it gained speed [m/s], shape
             (N,); a later speed that is higher by a limit is the next gain.
         idle: time for which the rim of each released wheel has not gained speed [s], shape (N,).
-        share: speed of each braked rim while its slip is constant, as a share of its speed in
-            rolling [1], shape (N,).
-        torque: filtered command of each brake since the slip is constant, as a share of the largest
-            torque [1], shape (N,).
-        most: largest torque of each brake since the slip is constant, as a share of the largest
+        share: last speed of each braked rim, as a share of its speed in rolling [1], shape (N,).
+        torque: filtered command of each brake since the slip changes slowly, as a share of the
+            largest torque [1], shape (N,).
+        most: largest torque of each brake since the slip changes slowly, as a share of the largest
             possible torque [1], shape (N,).
+        slip: slip of each wheel at that torque, as a share of the rim's speed in rolling [1],
+            shape (N,).
         faulty: probability under each hypothesis that the encoder of a wheel is faulty [1],
             shape (8, N); 0 under NO_ESTIMATE.
         wheel_ratio: test ratio of each wheel, NaN while it slides [1], shape (N,).
@@ -201,6 +202,7 @@ class BankMemory(NamedTuple):
     share: FloatArray
     torque: FloatArray
     most: FloatArray
+    slip: FloatArray
     faulty: FloatArray
     wheel_ratio: FloatArray
     ratio: FloatArray
@@ -257,6 +259,7 @@ def bank_memory(wheels: int) -> BankMemory:
         np.zeros(3),
         np.zeros(wheels),
         np.full(wheels, np.nan),
+        np.zeros(wheels),
         np.zeros(wheels),
         np.zeros(wheels),
         np.zeros(wheels),

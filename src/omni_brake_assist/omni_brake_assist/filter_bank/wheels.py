@@ -174,10 +174,10 @@ def _largest_slip(
 ) -> float:
     """Return the largest slip of a wheel, as a share of the rim's speed in rolling [1].
 
-    While a wheel keeps its slip, the torques of brake and friction are equal. If the torque of the
-    brake then falls, the slip falls at least by the same share, because friction is a concave
-    function of the slip. The torque follows the command with a lag, so it is between the command
-    and the filtered command.
+    While the slip of a wheel changes slowly, the torques of brake and friction are equal. If the
+    torque of the brake falls below its largest value, the slip falls at least by the same share,
+    because friction is a concave function of the slip. The torque follows the command with a lag,
+    so it is between the command and the filtered command.
 
     Args:
         constants: constants of the vehicle.
@@ -191,12 +191,13 @@ def _largest_slip(
     ground = constants.n_x[i] * state[U_X] + constants.n_y[i] * state[U_Y]
     ground = abs(ground + constants.lever[i] * state[RATE]) * (1.0 + state[SCALE])
     if load == 0.0 or rim < _GAIN or abs(rim - memory.share[i] * ground) > _GAIN:
-        memory.share[i] = min(rim / max(ground, _GAIN), 1.0)
         memory.torque[i] = memory.most[i] = 0.0
+    memory.share[i] = min(rim / max(ground, _GAIN), 1.0)
     memory.torque[i] += dt / (dt + constants.spin_up) * (load - memory.torque[i])
-    memory.most[i] = max(memory.most[i], min(load, memory.torque[i]))
-    torque = max(load, memory.torque[i])
-    return (1.0 - memory.share[i]) * torque / memory.most[i] if torque < memory.most[i] else 1.0
+    least, torque = min(load, memory.torque[i]), max(load, memory.torque[i])
+    if least >= memory.most[i]:
+        memory.most[i], memory.slip[i] = least, 1.0 - memory.share[i]
+    return memory.slip[i] * torque / memory.most[i] if torque < memory.most[i] else 1.0
 
 
 @lean

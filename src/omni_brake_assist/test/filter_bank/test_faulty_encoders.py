@@ -129,3 +129,14 @@ def test_the_slip_of_a_wheel_falls_at_least_as_much_as_its_brake_torque(
         return (0.75 if time < 0.2 else 1.0 - slip) * rolling
 
     assert isolated_encoder(mecanum, speed, 0.4, seconds=0.6, change=0.2) is isolated
+
+
+def test_a_slip_that_falls_slowly_must_also_fall_as_much_as_the_brake_torque(
+    mecanum: dict[str, WheelMount],
+) -> None:
+    """The encoder reads 25 % too little; its wheel has a slip of 13 % at first, and rolls later."""
+
+    def speed(time: float, rolling: float) -> float:
+        return (0.65 + 0.1 * float(np.clip(10.0 * (time - 0.2), 0.0, 1.0))) * rolling
+
+    assert isolated_encoder(mecanum, speed, 0.2, seconds=0.8, change=0.2)
