@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import shlex
-import subprocess
 import sys
 import time
 from contextlib import closing
@@ -14,7 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 from bystander import Bystander
-from omni_process import omni_command, omni_environment, omni_here
+from omni_process import omni, omni_command, omni_here
 from rclpy.duration import Duration
 from rclpy.serialization import serialize_message
 
@@ -73,14 +72,7 @@ except ExternalShutdownException:
 
 
 def check(*words: str) -> tuple[int, dict[str, Any]]:
-    finished = subprocess.run(
-        omni_command(["check-node", *words, "--json"]),
-        env=omni_environment(),
-        capture_output=True,
-        text=True,
-        timeout=200.0,
-        check=False,
-    )
+    finished = omni(["check-node", *words, "--json"])
     assert finished.stdout, finished.stderr
     return finished.returncode, json.loads(finished.stdout)
 
