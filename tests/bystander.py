@@ -15,6 +15,7 @@ from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
+from omni_bringup.graph.process_group import NodeProcess, ProcessGroup
 from omni_ros.environment import node_environment
 
 
@@ -29,6 +30,15 @@ def node_process(domain: int, *words: str) -> Iterator[None]:
     finally:
         process.terminate()
         assert process.wait(20.0) == 0
+
+
+@contextmanager
+def vehicle_node(domain: int, name: str, *words: str) -> Iterator[None]:
+    """Run a node of `omni_vehicle` as `node_process` does, but as a fork that imports nothing."""
+    with ProcessGroup(node_environment(domain)) as group:
+        group.start(NodeProcess(name, "omni_vehicle", name, ["--ros-args", *words]))
+        yield
+    group.raise_if_failed()
 
 
 class Bystander:

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from bystander import Bystander, node_process
+from bystander import Bystander, vehicle_node
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import Twist, TwistStamped
 from sensor_msgs.msg import JointState
@@ -84,10 +84,9 @@ def vehicle(array: bool, **parameters: object) -> Iterator[Controllers]:
     given = {"wheels": list(WHEELS), "joints": list(JOINTS), "pedal": "twist", "estop": True}
     given |= {"output": "array" if array else "joint_state", **parameters}
     words = [word for key, value in given.items() for word in ("-p", f"{key}:={_yaml(value)}")]
-    node = "-m", "omni_vehicle.brake_adapter_node", "--ros-args"
     with (
         reserved_domain() as domain,
-        node_process(domain, *node, *words),
+        vehicle_node(domain, "brake_adapter", *words),
         closing(Controllers(domain, array)) as controllers,
     ):
         yield controllers
@@ -185,8 +184,7 @@ def test_a_second_adapter_for_the_coils_follows_the_first() -> None:
         listen(Float64MultiArray, "coils", lambda m: coils.append(list(m.data)), RELIABLE)
         words = "-r __node:=coils -r commands:=coils -r wheel_states:=unused -p kind:=spring"
         named = "-p wheels:=[left,right] -p joints:=[left_joint,right_joint]"
-        node = "-m", "omni_vehicle.brake_adapter_node", "--ros-args"
-        with node_process(rest.domain, *node, *words.split(), *named.split()):
+        with vehicle_node(rest.domain, "brake_adapter", *words.split(), *named.split()):
             rest.wait(lambda: coils[-1:] == [[1.0, 1.0]])
             rest.enables, rest.pressed = (0.0, 1.0), True
             rest.wait(lambda: coils[-1:] == [[1.0, 0.0]])

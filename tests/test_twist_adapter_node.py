@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from bystander import Bystander, node_process
+from bystander import Bystander, vehicle_node
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import TwistStamped, TwistWithCovarianceStamped
 from nav_msgs.msg import Odometry
@@ -57,11 +57,10 @@ class Vehicle(Bystander):
 
 
 def test_an_odometry_without_covariance_gets_the_one_that_is_configured() -> None:
-    node = "-m", "omni_vehicle.twist_adapter_node", "--ros-args"
     words = ["-p", "input_type:=odometry", "-p", "deviation:=[0.1, 0.1, 0.2]"]
     with (
         reserved_domain() as domain,
-        node_process(domain, *node, *words),
+        vehicle_node(domain, "twist_adapter", *words),
         closing(Vehicle(domain)) as vehicle,
     ):
         vehicle.wait(lambda: vehicle.twists)
@@ -86,10 +85,10 @@ def test_an_odometry_without_covariance_gets_the_one_that_is_configured() -> Non
 def test_a_twist_of_another_type_passes_with_its_covariance_or_the_configured_one(
     kind: type[Any], words: tuple[str, ...], deviations: tuple[float, ...]
 ) -> None:
-    node = "-m", "omni_vehicle.twist_adapter_node", "--ros-args", "-r", "input:=radar/twist"
+    node = "twist_adapter", "-r", "input:=radar/twist"
     with (
         reserved_domain() as domain,
-        node_process(domain, *node, "-p", f"input_type:={words[0]}", *words[1:]),
+        vehicle_node(domain, *node, "-p", f"input_type:={words[0]}", *words[1:]),
         closing(Vehicle(domain, kind, "radar/twist")) as vehicle,
     ):
         vehicle.wait(lambda: vehicle.twists)
