@@ -24,7 +24,8 @@ _RATIO = (
 _FEWEST = 7.5  # smallest number of independent moving features; a shadow's edge counts as up to 7
 _TWO_MOTIONS = 0.25  # px; limit on `Fit.difference`; a larger difference indicates two motions
 _LEAST_CONTRAST = 0.03  # gradient energy over noise; below it, wood may match another motion
-_SHIFTED = 25.0  # px within a batch; beyond it, ground and pattern can be separated
+_SHIFTED = 3 * candidates.APART  # px within a batch; beyond it, ground and pattern can be separated
+_DARKEST = 0.1  # gray level that is added before the logarithm, relative to the mean gray level
 
 
 class Estimate(NamedTuple):
@@ -138,7 +139,6 @@ class JointEstimator:
         self._size = int(transform_size(2 * sensor.pixels))  # no shift wraps around
         bins = int(spectra.HIGHEST * self._size)
         taper = window(sensor.pixels)
-        self._table = spectra.log_table()
         power = non_uniformity**2 * float((taper**2).sum())
         stated = 1.0 / power if power > 0.0 else math.inf
         weight = candidates.band_pass(self._size, bins)
@@ -172,10 +172,11 @@ class JointEstimator:
         m, n = lines.shape
         layout = candidates.Layout(m, n, self._size, self._limit)
         lines = lines.astype(np.uint16)  # the kernels are compiled for one depth
-        repaired = spectra.without_defects(lines)
-        estimate = _estimate(
-            lines, repaired, self._table, self._camera, self.pattern, layout, self._last
-        )
+        levels = spectra.without_defects(lines).astype(np.float32)
+        # The logarithm converts the unknown gain of a pixel to an offset. The added level limits
+        # the noise of dark pixels, of which a few would otherwise determine the likelihood.
+        logs = np.log(levels + _DARKEST * levels.mean())
+        estimate = _estimate(lines, logs, self._camera, self.pattern, layout, self._last)
         self.pattern = estimate.pattern
         return estimate
 
@@ -185,8 +186,7 @@ class JointEstimator:
 @kernel
 def _estimate(
     lines: Lines,
-    repaired: Lines,
-    table: spectra.Floats,
+    logs: spectra.Floats,
     camera: _Camera,
     pattern: spectra.FixedPattern,
     layout: candidates.Layout,
@@ -196,14 +196,12 @@ def _estimate(
 
     Args:
         lines: gray levels, shape (m, n).
-        repaired: gray levels with interpolated defective pixels, shape (m, n).
-        table: logarithm of each gray level.
+        logs: logarithm of the gray levels with interpolated defective pixels, shape (m, n).
         camera: constants of the camera.
         pattern: fixed pattern before this batch.
         layout: sizes of the batch.
         last: displacement per line in the previous batch [px]; NaN without a previous batch.
     """
-    logs = np.take(table, repaired)
     transformed = spectra.spectra_of(logs, camera.taper, layout.size)
     known = spectra.shrink(pattern.information, pattern.precision)
     mean = transformed.sum(axis=0) / np.float32(layout.lines)

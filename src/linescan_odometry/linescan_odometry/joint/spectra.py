@@ -124,14 +124,6 @@ def _defects(lines: Lines) -> NDArray[np.int64]:
     return found
 
 
-def log_table() -> Floats:
-    """Return the logarithm of each gray level, shape (2^16,); level 0 counts as level 1.
-
-    The logarithm converts the unknown gain of a pixel to an offset.
-    """
-    return np.log(np.maximum(np.arange(1 << 16), 1)).astype(np.float32)
-
-
 @linked
 @kernel
 def spectra_of(logs: Floats, taper: Floats, size: int) -> Spectrum:

@@ -319,6 +319,18 @@ def test_rest_of_a_coarse_camera_is_always_measured(expose: Expose) -> None:
         assert abs(found.value) < 5.0 * math.sqrt(found.variance)
 
 
+@pytest.mark.parametrize("darkest", [0.0, 0.03])
+def test_the_noise_of_dark_pixels_is_not_taken_for_motion(darkest: float, expose: Expose) -> None:
+    distance = (np.arange(PIXELS) - 0.3 * PIXELS) / 4.0
+    gain = 1.0 - (1.0 - darkest) * np.exp(-0.5 * distance**2)
+    for seed in range(20):
+        noise = np.random.default_rng(seed).normal(0.0, 2.0, (LINES, PIXELS))
+        lines = moved(expose, 0.0, noise=0.0, seed=seed) * gain + noise
+        found = estimator().estimate(np.rint(lines).clip(0, 255).astype(np.uint8))
+        assert found.reason == ""
+        assert abs(found.value) < 5.0 * math.sqrt(found.variance)
+
+
 @pytest.mark.parametrize("grain", [3.0, 8.0])
 @pytest.mark.parametrize("contrast", [3.0, 10.0])
 def test_dirt_over_a_ground_without_coherence_is_not_rest(contrast: float, grain: float) -> None:
