@@ -1,4 +1,4 @@
-"""Filters of the bank: prediction with the accelerometer, correction with gyro and twist.
+"""Filters of the bank: prediction with the accelerometer; measurements of gyro, twist and braking.
 
 For each source, the functions compute the prediction, the innovation, its variance, the test ratio
 (normalized innovation squared divided by `GATE`) and the log-likelihood under each hypothesis about
