@@ -81,13 +81,12 @@ def _receive(constants: Constants, memory: Memory, inputs: Inputs) -> tuple[bool
     braking = inputs.pedal >= constants.pedal_threshold
     weighed = _read_sensors(constants, memory, inputs) and constants.fault_detection
     limits, gate = constants.limits, memory.gate
+    elapsed = min(
+        max(since(inputs.now_ns, gate[0].now_ns) * 1e-9, 0.0), constants.maximum_time_step
+    )
     good = fail_safe.check_inputs(limits, gate, inputs.now_ns, feedback, braking, weighed)
     gate_open = gate[0].cause == conditions.GOOD
     stamp_ns, twist = feedback.stamp_ns, feedback.value
-    elapsed = min(
-        max(since(inputs.now_ns, step.observed_ns) * 1e-9, 0.0), constants.maximum_time_step
-    )
-    step.observed_ns = inputs.now_ns
     pedal = inputs.pedal if braking else 0.0
     step.dead = step.dead if braking else 0
     if constants.fault_detection:
@@ -217,10 +216,9 @@ def _watch(
 
     The arguments `pedal`, `dt` and `twist` are those of `brake_monitor.watch_brakes`.
     """
-    step = memory.step[0]
-    wheels = brake_monitor.BrakedWheels(
-        memory.commanded, memory.speeds, memory.bank.record[0].scale
-    )
+    step, best = memory.step[0], min(memory.bank.record[0].best, bank_state.NO_IMU)
+    scale = memory.bank.state[best, bank_state.SCALE]
+    wheels = brake_monitor.BrakedWheels(memory.commanded, memory.speeds, scale)
     if step.dead == 0:
         dead = brake_monitor.watch_brakes(constants.brakes, memory.brakes, dt, pedal, wheels, twist)
         step.dead = dead + 1

@@ -227,14 +227,6 @@ def _is_fresh(limits: Limits, gate: Any, now_ns: int, stamp_ns: int) -> bool:
 
 
 @lean
-def _worst_variance(covariance: FloatArray) -> float:
-    """Return the largest variance of the velocity in any direction [m^2/s^2]."""
-    xx, yy = covariance[0, 0], covariance[1, 1]
-    across = covariance[0, 1] / 2 + covariance[1, 0] / 2
-    return float(xx / 2 + yy / 2 + math.hypot(xx / 2 - yy / 2, across))
-
-
-@lean
 def _is_confident(limits: Limits, gate: Any, covariance: FloatArray, weighed: bool) -> bool:
     """Return whether the stated covariance of a twist is known and, unless `weighed`, small."""
     xx, yy, ww = covariance[0, 0], covariance[1, 1], covariance[2, 2]
@@ -242,7 +234,10 @@ def _is_confident(limits: Limits, gate: Any, covariance: FloatArray, weighed: bo
     if min(xx, yy, ww) <= 0.0:
         close_gate(gate, conditions.UNKNOWN_VARIANCE, 0.0, 0.0, 0.0)
         return False
-    speed, yaw_rate = math.sqrt(_worst_variance(covariance)), math.sqrt(ww)
+    # The largest variance of the velocity in any direction is an eigenvalue.
+    across = covariance[0, 1] / 2 + covariance[1, 0] / 2
+    worst = xx / 2 + yy / 2 + math.hypot(xx / 2 - yy / 2, across)
+    speed, yaw_rate = math.sqrt(worst), math.sqrt(ww)
     speed_limit, yaw_limit = limits.maximum_speed_deviation, limits.maximum_yaw_rate_deviation
     return bool(
         weighed

@@ -67,7 +67,6 @@ def estimate(
         _mix(memory, record.best)
     if _is_lost(memory):
         return bank.NO_ESTIMATE
-    record.scale = memory.state[record.best, bank.SCALE]
     if not record.equipped:
         return bank.ALL
     best = int(_answer(constants, memory, record.best, answer))
@@ -89,7 +88,12 @@ def _restart(memory: BankMemory, now_ns: int) -> None:
         record.restart_ns = now_ns
     elif now_ns - record.restart_ns > _RESTART_NS:
         record.restart_ns = now_ns
-        bank.reset(memory, bank.ALL, record.best)
+        for i in range(memory.rim.size):
+            memory.faulty[bank.ALL, i] = memory.faulty[record.best, i]
+        for i in range(STATES):
+            memory.state[bank.ALL, i] = memory.state[record.best, i]
+            for j in range(STATES):
+                memory.covariance[bank.ALL, i, j] = memory.covariance[record.best, i, j]
 
 
 @lean
@@ -108,40 +112,32 @@ def _store(memory: BankMemory, now_ns: int, readings: bank.Readings) -> None:
 
 
 @lean
-def _force(row: FloatArray) -> tuple[bool, float, float]:
-    """Return whether the specific force in a stored row is valid, and its components [m/s^2]."""
-    f_x, f_y = row[bank.ROW_IMU + 1], row[bank.ROW_IMU + 2]
-    return math.isfinite(f_x + f_y), f_x, f_y
-
-
-@lean
 def _advance(constants: BankConstants, memory: BankMemory, target_ns: int) -> None:
     """Predict the filters to a given time, and correct them with all readings up to that time."""
     record, wheels = memory.record[0], bank.ROW_WHEELS + memory.released.size
     while record.horizon_ns < target_ns and memory.newest[1] != memory.newest[0]:
         row = (memory.newest[1] + 1) % bank.READINGS
         reading, stamp_ns = memory.rows[row], memory.stamps[row]
-        pedal, force = reading[bank.ROW_PEDAL], _force(reading)
+        pedal, rate = reading[bank.ROW_PEDAL], reading[bank.ROW_IMU]
+        f_x, f_y = reading[bank.ROW_IMU + 1], reading[bank.ROW_IMU + 2]
         until_ns = min(stamp_ns, target_ns)
-        dt, rate = (until_ns - record.horizon_ns) * 1e-9, reading[bank.ROW_IMU]
+        dt = (until_ns - record.horizon_ns) * 1e-9
         if stamp_ns > target_ns:  # the time of the twist is between two readings
             share = (until_ns - record.horizon_ns) / (stamp_ns - record.horizon_ns)
             rate = record.gyro + share * (rate - record.gyro)
-        filters.predict(constants, memory, dt, force)
+        filters.predict(constants, memory, dt, f_x, f_y)
         record.horizon_ns = until_ns
-        turns = math.isfinite(rate)
-        record.inertial = turns and force[0]
+        record.inertial = math.isfinite(rate + f_x + f_y)
         record.equipped = record.equipped or record.inertial
-        if turns:
+        if math.isfinite(rate):
             filters.fuse_gyro(constants, memory, dt, rate)
+        record.gyro = rate
         if stamp_ns > target_ns:
             return
         memory.newest[1] = row
-        record.gyro = reading[bank.ROW_IMU]
         record.braked = record.braked + dt if pedal > 0.0 else 0.0
-        push = math.hypot(force[1], force[2]) if force[0] else math.nan
         enable, speeds = reading[wheels:], reading[bank.ROW_WHEELS : wheels]
-        fuse_wheels(constants, memory, dt, pedal, enable, speeds, push)
+        fuse_wheels(constants, memory, dt, pedal, enable, speeds, math.hypot(f_x, f_y))
         filters.weigh_braking(constants, memory, stamp_ns, pedal)
 
 
@@ -247,9 +243,7 @@ def _answer(constants: BankConstants, memory: BankMemory, best: int, answer: Flo
         gyro = reading[bank.ROW_IMU]
         if best not in (bank.NO_GYRO, bank.NO_IMU) and math.isfinite(gyro):
             state[RATE] = gyro - state[bank.BIAS_RATE]
-        known, f_x, f_y = _force(reading)
-        used = known and best not in (bank.NO_FORCE, bank.NO_IMU)
-        filters.propagate(state, state[RATE], dt, (used, f_x, f_y))
+        filters.propagate(state, best, dt, reading[bank.ROW_IMU + 1], reading[bank.ROW_IMU + 2])
     answer[0] = state[U_X] + state[RATE] * constants.p_y
     answer[1] = state[U_Y] - state[RATE] * constants.p_x
     answer[2] = state[RATE]

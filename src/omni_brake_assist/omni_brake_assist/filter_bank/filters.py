@@ -23,32 +23,34 @@ GATE = 30.0
 
 
 @lean
-def propagate(state: FloatArray, rate: float, dt: float, force: tuple[bool, float, float]) -> None:
-    """Advance the velocity of a filter with the yaw rate and, if valid, the specific force.
+def propagate(state: FloatArray, k: int, dt: float, f_x: float, f_y: float) -> bool:
+    """Advance the velocity of a filter with the yaw rate and, if known, the specific force.
 
     Args:
-        state: state of a filter, changed in place, shape (8,).
-        rate: yaw rate [rad/s].
+        state: state of the filter, changed in place, shape (8,).
+        k: number of the filter.
         dt: length of the step [s].
-        force: whether the specific force is valid, and its components along x and y [m/s^2].
+        f_x: specific force, x [m/s^2], NaN if unknown.
+        f_y: specific force, y [m/s^2], NaN if unknown.
+
+    Returns:
+        Whether the filter has used the specific force.
     """
-    known, f_x, f_y = force
-    u_x, u_y = state[U_X], state[U_Y]
+    used = math.isfinite(f_x + f_y) and k not in (bank.NO_FORCE, bank.NO_IMU)
+    u_x, u_y, rate = state[U_X], state[U_Y], state[RATE]
     cos, sin = math.cos(rate * dt), math.sin(rate * dt)
     state[U_X], state[U_Y] = cos * u_x + sin * u_y, cos * u_y - sin * u_x
-    if known:
+    if used:
         a_x, a_y = f_x - state[BIAS_X], f_y - state[BIAS_Y]
         half_c, half_s = math.cos(0.5 * rate * dt), math.sin(0.5 * rate * dt)
         state[U_X] += dt * (half_c * a_x + half_s * a_y)
         state[U_Y] += dt * (half_c * a_y - half_s * a_x)
+    return used
 
 
 @lean
 def predict(
-    constants: bank.BankConstants,
-    memory: bank.BankMemory,
-    dt: float,
-    force: tuple[bool, float, float],
+    constants: bank.BankConstants, memory: bank.BankMemory, dt: float, f_x: float, f_y: float
 ) -> None:
     """Predict all filters over a step, with the specific force where a filter uses it.
 
@@ -56,13 +58,13 @@ def predict(
         constants: constants of the vehicle.
         memory: memory of the bank, changed in place.
         dt: length of the step [s].
-        force: whether the specific force is valid, and its components along x and y [m/s^2].
+        f_x: specific force, x [m/s^2], NaN if unknown.
+        f_y: specific force, y [m/s^2], NaN if unknown.
     """
     for k in range(bank.FILTERS):
         state, covariance = memory.state[k], memory.covariance[k]
-        used = force[0] and k not in (bank.NO_FORCE, bank.NO_IMU)
         rate = state[RATE]
-        propagate(state, rate, dt, (used, force[1], force[2]))
+        used = propagate(state, k, dt, f_x, f_y)
         # Compute only the rows of the Jacobian that differ from the unit matrix.
         cos, sin = math.cos(rate * dt), math.sin(rate * dt)
         t_x, t_y = dt * state[U_Y], -dt * state[U_X]
@@ -152,7 +154,6 @@ def fuse_gyro(
     record, h = memory.record[0], memory.h
     own = constants.rate**2 + (bank.SHARE * rate) ** 2
     change = rate - record.gyro
-    record.gyro = rate
     h[:] = 0.0
     h[RATE] = h[bank.BIAS_RATE] = 1.0
     for k in range(bank.HYPOTHESES):
@@ -188,16 +189,6 @@ def _uses_twist(k: int, j: int) -> bool:
 
 
 @lean
-def _twist_variance(constants: bank.BankConstants, twist: TwistSample, j: int) -> float:
-    """Return the variance of component `j` of a fault-free twist [square of its unit]."""
-    value = twist.value
-    if j == RATE:
-        return float(twist.covariance[j, j] + constants.rate**2 + (bank.SHARE * value[RATE]) ** 2)
-    speed2 = value[0] ** 2 + value[1] ** 2
-    return float(twist.covariance[j, j] + bank.WHEEL**2 + bank.SHARE**2 * speed2)
-
-
-@lean
 def _twist_error(
     constants: bank.BankConstants,
     memory: bank.BankMemory,
@@ -205,8 +196,10 @@ def _twist_error(
     j: int,
     dt: float,
     twist: TwistSample,
-) -> tuple[float, float]:
-    """Return the innovation of component `j` of a twist under a hypothesis, and its variance.
+) -> tuple[float, float, float]:
+    """Return the innovation of component `j` of a twist under a hypothesis, and two variances.
+
+    These are the variances of the innovation and of a fault-free component.
 
     Args:
         constants: constants of the vehicle.
@@ -217,14 +210,19 @@ def _twist_error(
         dt: time since the last twist [s].
         twist: the twist.
     """
-    own, innovation = _twist_variance(constants, twist, j), twist.value[j]
+    value, innovation = twist.value, twist.value[j]
+    if j == RATE:
+        own = twist.covariance[j, j] + constants.rate**2 + (bank.SHARE * innovation) ** 2
+    else:
+        speed2 = value[0] ** 2 + value[1] ** 2
+        own = twist.covariance[j, j] + bank.WHEEL**2 + bank.SHARE**2 * speed2
     if not _uses_twist(k, j):
         walk = constants.turn if j == RATE else constants.walk
-        return innovation - memory.twist[j], 2.0 * own + dt * walk**2
+        return innovation - memory.twist[j], 2.0 * own + dt * walk**2, own
     twist_direction(constants, memory.h, j)
     for i in range(memory.h.size):
         innovation -= memory.h[i] * memory.state[k, i]
-    return innovation, own + variance_along(memory.covariance[k], memory.h)
+    return innovation, own + variance_along(memory.covariance[k], memory.h), own
 
 
 @lean
@@ -247,7 +245,7 @@ def fuse_twist(
     for k in range(bank.HYPOTHESES):
         squared, rejects, logs = 0.0, 0.0, 0.0
         for j in range(3):
-            innovation, total = _twist_error(constants, memory, k, j, dt, twist)
+            innovation, total, _ = _twist_error(constants, memory, k, j, dt, twist)
             part = innovation**2 / total
             squared += part
             rejects += part if _uses_twist(k, j) else 0.0
@@ -258,8 +256,7 @@ def fuse_twist(
         if rejects <= GATE or not record.equipped:
             for j in range(3):
                 if _uses_twist(k, j):
-                    innovation, _ = _twist_error(constants, memory, k, j, dt, twist)
-                    own = _twist_variance(constants, twist, j)
+                    innovation, _, own = _twist_error(constants, memory, k, j, dt, twist)
                     correct(memory, k, innovation, own, (bank.BIAS_RATE, bank.OFFSET))
     for j in range(last.size):
         last[j] = twist.value[j]

@@ -1,7 +1,7 @@
 """State and constants of the filter bank."""
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,9 +11,6 @@ from omni_platform.geometry import PlatformGeometry
 from omni_platform.kernels import lean
 from omni_platform.quantities import FloatArray, IntArray
 from omni_platform.signals import VALID, TwistSample
-
-Record = Any
-"""Reference to a record of a structured array."""
 
 # Hypotheses on which source is faulty. Each hypothesis except NO_ESTIMATE has a filter that does
 # not use this source.
@@ -61,7 +58,6 @@ BANK = np.dtype(
         ("gyro", "f8"),  # last reading of the gyro [rad/s], NaN if there is none
         ("braked", "f8"),  # time since the pedal was pressed [s]
         ("unsupported", "f8"),  # time for which no released wheel has rolled [s]
-        ("scale", "f8"),  # estimated error of the wheel radii [1]
         ("restart_ns", "i8"),  # time of the last restart of the filter of all sources [ns]
         ("best", "i8"),  # most probable hypothesis
     ]
@@ -314,14 +310,3 @@ def reset_posterior(constants: BankConstants, memory: BankMemory) -> None:
     """Set the probabilities of the hypotheses to their priors."""
     for k in range(HYPOTHESES):
         memory.posterior[k] = math.log(constants.prior[k])
-
-
-@lean
-def reset(memory: BankMemory, k: int, best: int) -> None:
-    """Copy state, covariance and encoder probabilities of filter `best` to filter `k`."""
-    for i in range(memory.rim.size):
-        memory.faulty[k, i] = memory.faulty[best, i]
-    for i in range(STATES):
-        memory.state[k, i] = memory.state[best, i]
-        for j in range(STATES):
-            memory.covariance[k, i, j] = memory.covariance[best, i, j]
