@@ -78,7 +78,7 @@ class LineChain:
         self._rate = sensor.line_rate
         self._period_ns = 1e9 / sensor.line_rate
         self._last: Lines | None = None
-        self._last_ns: int | None = None
+        self._last_ns = 0
         self.stretch = 0.0
         self.remark = ""
         self.joined = False
@@ -87,7 +87,6 @@ class LineChain:
     def reset(self) -> None:
         """Discard the stored line; the next batch starts a new chain."""
         self._last = None
-        self._last_ns = None
         self._late = 0.0
 
     def take(self, batch: LineBatch, restart: Callable[[], None]) -> Lines:
@@ -135,24 +134,21 @@ class LineChain:
         """
         lines = batch.lines
         count = len(lines)
-        elapsed = None
-        if self._last_ns is not None:
-            elapsed = (batch.stamp_ns - self._last_ns) / self._period_ns
-            if elapsed < -_ANEW * count:
-                self.reset()
-                elapsed = None
-            elif elapsed < 0.0:
-                raise Unmeasured(
-                    f"time: the stamp is {-elapsed:.3g} line periods older than that of the "
-                    "previous batch; batches are swapped"
-                )
+        elapsed = (batch.stamp_ns - self._last_ns) / self._period_ns
+        if elapsed < -_ANEW * count:
+            self.reset()
         last = self._last
+        if last is not None and elapsed < 0.0:
+            raise Unmeasured(
+                f"time: the stamp is {-elapsed:.3g} line periods older than that of the "
+                "previous batch; batches are swapped"
+            )
         if last is not None and count > 1 and elapsed:
             repeated = np.array_equal(last, lines[-1]) and not np.array_equal(lines[-2], lines[-1])
             if repeated:
                 self._last_ns = batch.stamp_ns
                 raise Unmeasured("time: the lines of the previous batch were repeated")
-        late = 0.0 if elapsed is None else elapsed - count
+        late = elapsed - count
         self.joined = last is not None and last.dtype == lines.dtype and abs(late) < 0.5
         chain: Lines = lines.copy()
         if last is not None and self.joined:
@@ -160,7 +156,7 @@ class LineChain:
         self._last = chain[-1]
         self._last_ns = batch.stamp_ns
         self.stretch, self.remark = 0.0, ""
-        if elapsed is not None and self._contradicts(late, elapsed, count):
+        if last is not None and self._contradicts(late, elapsed, count):
             self.stretch = abs(late) / count
             self.remark = (
                 f"time: {count} lines in {elapsed:.4g} periods of {self._rate:g} lines/s: lines "
@@ -209,7 +205,6 @@ class SensorOdometry:
         """
         self._sensor = sensor
         self._scale = sensor.pixel_pitch * sensor.line_rate  # [m/s per px]
-        self._configuration = configuration
         self._chain = LineChain(sensor)
         self._references = References(sensor.pixels)
         if tables is not None:
@@ -254,36 +249,27 @@ class SensorOdometry:
         return self._finish_last
 
     def _measure(self, stamp_ns: int, lines: Lines) -> SensorReading:
-        try:
-            _check(lines)
-            displacement = self._method.measure(lines, self._plausibility, stamp_ns)
-            self._plausibility.accept(stamp_ns, len(lines) - 1, displacement.value)
-            return self._reading(stamp_ns, lines, displacement)
-        except Unmeasured as nothing:
-            self._keyframe.reset()
-            return nothing.reading
-
-    def _reading(self, stamp_ns: int, lines: Lines, displacement: Displacement) -> SensorReading:
-        """Return the reading for a displacement, including `static_time` and `persistence`.
+        """Return the reading for a batch, including `static_time` and `persistence`.
 
         Args:
             stamp_ns: time of exposure of the newest line [ns].
             lines: consecutive lines, oldest first, shape (m + 1, n).
-            displacement: displacement estimated from these lines.
-
-        Raises:
-            Unmeasured: the stamps contradict the number of lines.
         """
+        try:
+            _check(lines)
+            displacement = self._method.measure(lines, self._plausibility, stamp_ns)
+            self._plausibility.accept(stamp_ns, len(lines) - 1, displacement.value)
+            if self._chain.stretch > _LONGEST_STRETCH:
+                raise Unmeasured(self._chain.remark)
+        except Unmeasured as nothing:
+            self._keyframe.reset()
+            return nothing.reading
         velocity = displacement.value * self._scale
-        if self._chain.stretch > _LONGEST_STRETCH:
-            raise Unmeasured(self._chain.remark)
         if not self._chain.joined:
             self._keyframe.reset()
-        period_ns = 1e9 / self._sensor.line_rate
-        static_time = self._static_time(lines, displacement)
         age, persistence = self._keyframe.compare(
             stamp_ns,
-            period_ns,
+            1e9 / self._sensor.line_rate,
             lines if displacement.rest is None else displacement.rest,
             displacement.value,
         )
@@ -294,7 +280,7 @@ class SensorOdometry:
             inlier_share=displacement.share,
             measured=True,
             remark=self._chain.remark,
-            static_time=static_time,
+            static_time=self._static_time(lines, displacement),
             reference_age=age,
             persistence=persistence,
         )

@@ -28,6 +28,9 @@ _COARSEST = 100.0  # px; size of the largest texture details that pass the filte
 SPACINGS = 4  # number of line spacings that are correlated
 # Highest frequency at which candidates are compared [cycles per pixel].
 _COMPARED = 0.5 * spectra.HIGHEST
+LIKELY = 25.0  # nats; smallest log-likelihood of a valid displacement
+# Ratio of the second-best log-likelihood to the best one; above it, the peak is ambiguous.
+RATIO = 0.5
 _FIRST_BAND, _BAND_GROWTH = 0.002, 1.45  # cycles per pixel; ratio of band edges
 
 
@@ -103,7 +106,7 @@ def correlate(lines: Spectrum, fixed: Spectrum) -> Correlation:
             for f in range(count):
                 products[f] += new[f] * np.conj(old[f])
         # For noise alone, the squared coherence of N pairs is 1 / N on average.
-        noise = 1.0 / max(m - lag, 1)
+        noise = 1.0 / (m - lag)
         products *= np.float32(noise)
         for f in range(count):
             energy = products[f].real ** 2 + products[f].imag ** 2
@@ -153,8 +156,8 @@ def find(
         weight: weight of each frequency, from `band_pass`, shape (F,).
         last: displacement per line in the previous batch [px]; NaN without a previous batch.
     """
-    lines, _, size, limit = layout
-    distances = spacings(lines)
+    size, limit = layout.size, layout.limit
+    distances = spacings(layout.lines)
     found = np.empty(1 + 2 * _PEAKS)
     number = 0
     if np.isfinite(last):
@@ -172,7 +175,7 @@ def find(
             value, terms = 0.0, 0
             for which in range(SPACINGS):
                 lag = distances[which]
-                if (lag < lines and abs(lag * d) < limit) or lag == 1:
+                if abs(lag * d) < limit or lag == 1:
                     value += correlation[which, -lag * d]
                     terms += 1
             stack[d + limit] = value / np.sqrt(terms)
@@ -395,54 +398,44 @@ def colored(lines: Lines, taper: Floats, layout: Layout) -> float:
 
 @kernel
 def decide(
-    rest: Correlation,
-    layout: Layout,
-    found: Doubles,
-    evidence: Doubles,
-    limits: tuple[float, float],
+    rest: Correlation, layout: Layout, found: Doubles, evidence: Doubles
 ) -> tuple[int, bool]:
     """Return the index of the most likely candidate, and whether the choice is ambiguous.
+
+    The choice is ambiguous if the second-largest log-likelihood, divided by the largest one,
+    exceeds `RATIO`.
 
     Args:
         rest: correlations between the lines.
         layout: sizes of the batch.
         found: candidates [px], shape (c,).
         evidence: log-likelihood ratio of each candidate from `rate` [nats], shape (c,).
-        limits: two numbers. The first is the minimum log-likelihood of an accepted displacement
-            [nats]. The second is a ratio of log-likelihoods [1]: the choice is ambiguous if the
-            second-largest one, divided by the largest one, exceeds this ratio.
     """
-    likely, ratio = limits
     order = np.argsort(-evidence)
     best = order[0]
     for i in order[1:]:
-        own, other = _contest(rest, layout, found[best], found[i], likely)
-        if other > own:
+        if _contest(rest, layout, found[best], found[i]):
             best = i
     rivals = evidence[np.abs(found - found[best]) >= APART]
-    return best, bool((rivals > ratio * evidence[best]).any())
+    return best, bool((rivals > RATIO * evidence[best]).any())
 
 
 @kernel
-def _contest(
-    rest: Correlation, layout: Layout, one: float, other: float, likely: float
-) -> tuple[float, float]:
-    """Return the log-likelihoods of two displacements [nats].
+def _contest(rest: Correlation, layout: Layout, one: float, other: float) -> bool:
+    """Return whether the second of two displacements is more likely than the first.
 
-    Both are computed at the largest line spacing at which one of the two displacements is
-    likely, because neighboring lines do not resolve slow displacements.
+    Their log-likelihoods are computed at the largest line spacing at which one of the two
+    displacements is likely, because neighboring lines do not resolve slow displacements.
 
     Args:
         rest: correlations between the lines.
         layout: sizes of the batch.
         one: first displacement per line [px].
         other: second displacement per line [px].
-        likely: smallest log-likelihood of an accepted displacement [nats].
     """
-    which = min(farthest(one, layout), farthest(other, layout))
-    while True:
+    for which in range(min(farthest(one, layout), farthest(other, layout)), -1, -1):
         first = coherent(rest, layout, one, which)
         second = coherent(rest, layout, other, which)
-        if which == 0 or max(first, second) > likely:
-            return first, second
-        which -= 1
+        if max(first, second) > LIKELY:
+            break
+    return second > first

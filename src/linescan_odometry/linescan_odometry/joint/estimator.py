@@ -7,7 +7,7 @@ import numpy as np
 
 from linescan_odometry.joint import candidates, spectra
 from linescan_odometry.joint.fit import Fit, assess, scatter
-from linescan_odometry.joint.likelihood import expand, observe, window, without
+from linescan_odometry.joint.likelihood import Expansion, expand, observe, window, without
 from linescan_odometry.matching.transforms import load_transforms, transform_size
 from linescan_odometry.measurements import Displacement, Unmeasured
 from linescan_odometry.plausibility import Plausibility
@@ -17,10 +17,6 @@ from omni_platform.signals import Lines
 
 _ACCELERATION = 15.0  # m/s^2, standard deviation; a hard stop on a dry road reaches 10
 _MEMORY = 50.0  # batches; time constant with which older batches lose weight in the pattern
-_LIKELY = 25.0  # nats; smallest log-likelihood of a valid displacement
-_RATIO = (
-    0.5  # ratio of the second-best log-likelihood to the best one; above it the peak is ambiguous
-)
 _FEWEST = 7.5  # smallest number of independent moving features; a shadow's edge counts as up to 7
 _TWO_MOTIONS = 0.25  # px; limit on `Fit.difference`; a larger difference indicates two motions
 _LEAST_CONTRAST = 0.03  # gradient energy over noise; below it, wood may match another motion
@@ -74,41 +70,18 @@ class _View(NamedTuple):
         logs: logarithm of the gray levels after the interpolation of defective pixels, shape
             (m, n).
         spectra: spectra of `logs`, shape (m, F).
-        mean: mean of `spectra`, shape (F,).
-        known: spectrum of the fixed pattern before this batch, shape (F,).
         found: candidates for the displacement per line [px], shape (c,).
-        usual: correlations after subtraction of `known`.
-        remainder: correlations after subtraction of `mean`, or `usual` if the batch has few lines.
+        usual: correlations after subtraction of the fixed pattern known before this batch.
+        remainder: correlations after subtraction of the mean of `spectra`, or `usual` if the batch
+            has few lines.
     """
 
     recorded: Lines
     logs: spectra.Floats
     spectra: spectra.Spectrum
-    mean: spectra.Spectrum
-    known: spectra.Spectrum
     found: spectra.Doubles
     usual: candidates.Correlation
     remainder: candidates.Correlation
-
-
-class _Maximum(NamedTuple):
-    """Maximum of the likelihood near a candidate.
-
-    Attributes:
-        motion: displacement per line in the middle of the batch [px] and its change from line to
-            line [px], shape (2,); not finite if there is no maximum.
-        rest: logarithm of the gray levels, minus the fixed pattern, shape (m, n).
-        information: precision times mean of the fixed pattern estimated from this batch alone,
-            shape (F,).
-        precision: precision of this mean, shape (F,).
-        fit: variance of the displacement, and the data for judging its validity.
-    """
-
-    motion: spectra.Doubles
-    rest: spectra.Floats
-    information: spectra.Spectrum
-    precision: spectra.Doubles
-    fit: Fit
 
 
 class JointEstimator:
@@ -209,18 +182,19 @@ def _estimate(
     varying = candidates.correlate(transformed, mean)
     found = candidates.find((usual, varying), layout, camera.weight, last)
     remainder = varying if layout.lines >= spectra.FEWEST_LINES else usual
-    view = _View(lines, logs, transformed, mean, known, found, usual, remainder)
+    view = _View(lines, logs, transformed, found, usual, remainder)
     d, moves, flaw = _choose(view, camera, layout)
     if flaw:
         return Estimate(d, math.inf, flaw, view.logs, 0.0, pattern)
     # At rest, and with few lines, ground and pattern cannot be separated. The prior of the pattern
     # then determines the split.
     parted = moves and layout.lines >= spectra.FEWEST_LINES
-    best = _maximize(view, camera, pattern, layout, d, parted)
-    if not np.isfinite(best.motion).all():
-        flaw = "no maximum of the likelihood"
-        return Estimate(d, math.inf, flaw, best.rest, 0.0, pattern)
-    d, fit, variance = best.motion[0], best.fit, best.fit.variance
+    removed = mean if parted else known
+    motion, rest, batch, here = _maximize(view, camera, pattern, layout, (d, removed), parted)
+    if not np.isfinite(motion).all():
+        return Estimate(d, math.inf, "no maximum of the likelihood", rest, 0.0, pattern)
+    d, fit = motion[0], assess(rest, here)
+    variance = fit.variance
     if not moves and not math.isfinite(variance):
         variance = fit.white  # at rest all lines are equal, so few features suffice
     flaw = _flaw(fit, variance, moves, abs(d) * (layout.lines - 1))
@@ -228,10 +202,11 @@ def _estimate(
         # The weight of earlier batches decays exponentially.
         kept = np.float32(1.0 - 1.0 / _MEMORY)
         pattern = spectra.FixedPattern(
-            pattern.information * kept + best.information, pattern.precision * kept + best.precision
+            pattern.information * kept + batch.information,
+            pattern.precision * kept + batch.precision,
         )
-        variance += scatter(view.remainder, layout, d, (_LIKELY, _RATIO))
-    return Estimate(d, variance, flaw, best.rest, fit.coherence, pattern)
+        variance += scatter(view.remainder, layout, d, (candidates.LIKELY, candidates.RATIO))
+    return Estimate(d, variance, flaw, rest, fit.coherence, pattern)
 
 
 @kernel
@@ -261,7 +236,7 @@ def _choose(view: _View, camera: _Camera, layout: candidates.Layout) -> tuple[fl
     # counts as rest.
     static = np.flatnonzero(np.abs(found) * (layout.lines - 1) < candidates.APART)
     # Noise alone rarely exceeds half of the log-likelihood that a valid displacement requires.
-    limit = _RATIO * _LIKELY
+    limit = candidates.RATIO * candidates.LIKELY
     moves = evidence[best] >= limit
     if (
         len(static) > 0
@@ -270,11 +245,10 @@ def _choose(view: _View, camera: _Camera, layout: candidates.Layout) -> tuple[fl
     ):
         c = found[static[int(np.argmax(evidence[static]))]]
         own = candidates.coherent(candidates.against_noise(view.usual, layout), layout, c, 0)
-        return c, moves, "" if own > _LIKELY else "low texture"
-    if evidence[best] < _LIKELY:
+        return c, moves, "" if own > candidates.LIKELY else "low texture"
+    if evidence[best] < candidates.LIKELY:
         return found[best], True, "low texture"
-    limits = _LIKELY, _RATIO
-    best, ambiguous = candidates.decide(remainder, layout, found, evidence, limits)
+    best, ambiguous = candidates.decide(remainder, layout, found, evidence)
     return found[best], True, "ambiguous" if ambiguous else ""
 
 
@@ -284,9 +258,9 @@ def _maximize(
     camera: _Camera,
     learned: spectra.FixedPattern,
     layout: candidates.Layout,
-    start: float,
+    start: tuple[float, spectra.Spectrum],
     parted: bool,
-) -> _Maximum:
+) -> tuple[spectra.Doubles, spectra.Floats, spectra.FixedPattern, Expansion]:
     """Return the maximum of the likelihood near a candidate, found by Newton's method.
 
     Args:
@@ -294,24 +268,28 @@ def _maximize(
         camera: constants of the camera.
         learned: fixed pattern before this batch.
         layout: sizes of the batch.
-        start: displacement per line of the candidate [px].
+        start: displacement per line of the candidate [px], and the pattern that is removed first.
         parted: whether ground and fixed pattern can be separated. If so, the pattern is estimated
-            anew in each step; otherwise the pattern known before the batch is kept.
+            anew in each step; otherwise the first pattern is kept.
+
+    Returns:
+        Displacement per line in the middle of the batch [px] and its change from line to line [px],
+        shape (2,), not finite if there is no maximum; logarithm of the gray levels, minus the fixed
+        pattern, shape (m, n); pattern estimated from this batch alone, if it can be separated; and
+        the expansion of the log-likelihood at the start of the last step.
     """
-    motion, kappa = np.array([start, 0.0]), np.arange(layout.lines) - 0.5 * (layout.lines - 1)
-    pattern, removed, information = view.known, view.mean, view.known
-    fixed, batch = 1.0 / (learned.precision + camera.stated), np.zeros(len(view.known))
+    motion, kappa = np.array([start[0], 0.0]), np.arange(layout.lines) - 0.5 * (layout.lines - 1)
+    pattern, batch, fixed = start[1], learned, 1.0 / (learned.precision + camera.stated)
     if parted:
         fixed[:] = 0.0
     # Steps are limited to 1 px, so they do not lead to another peak.
     for number in range(candidates.APART):
         if parted:
             paths = motion[0] * kappa + motion[1] * 0.5 * kappa**2
-            information, batch = observe(view.spectra, removed, paths, layout.size)
-            together = learned.information + information
-            pattern = spectra.shrink(together, learned.precision + batch)
+            batch = observe(view.spectra, pattern, paths, layout.size)
+            together = learned.information + batch.information
+            pattern = spectra.shrink(together, learned.precision + batch.precision)
         rest = without(view.logs, pattern, camera.taper, layout.size)
-        removed = pattern
         here = expand(rest, fixed, motion, layout.limit, camera.spread)
         motion = motion + here.step
         # The first pattern is estimated at the candidate, so at least two steps are needed. After a
@@ -319,7 +297,7 @@ def _maximize(
         small = number > 0 and here.step[0] ** 2 < here.inverse[0, 0]
         if small or not np.isfinite(motion).all():
             break
-    return _Maximum(motion, rest, information, batch, assess(rest, here))
+    return motion, rest, batch, here
 
 
 @kernel

@@ -35,8 +35,7 @@ class Fit(NamedTuple):
 
     Attributes:
         variance: robust variance of the displacement, plus the square of `difference` [px^2].
-        white: variance of the displacement according to the model with white noise [px^2], infinite
-            without information.
+        white: variance of the displacement according to the model with white noise [px^2].
         features: effective number of independent features that move with the displacement.
         coherence: coherence between neighboring lines, weighted by power [1].
         contrast: energy of the gradients that neighboring lines have in common, relative to the
@@ -82,11 +81,9 @@ def assess(lines: Floats, here: Expansion) -> Fit:
 
     Args:
         lines: logarithm of the gray levels, minus the fixed pattern, shape (m, n).
-        here: expansion of the log-likelihood near its maximum.
+        here: expansion of the log-likelihood near its maximum, with a finite inverse.
     """
     cut, edges, moments = here.cut, here.model.edges, here.moments
-    if not math.isfinite(here.inverse[0, 0]):
-        return Fit(math.inf, math.inf, 0.0, 0.0, 0.0, 0.0)
     weight, information = np.zeros(cut.spectra.shape[1]), np.zeros(len(edges) - 1)
     gradient = np.zeros(len(edges) - 1)  # sum of the squared frequencies of each band
     for b in range(len(edges) - 1):

@@ -89,7 +89,7 @@ class Expansion(NamedTuple):
 @kernel
 def observe(
     transformed: Spectrum, removed: Spectrum, paths: Doubles, size: int
-) -> tuple[Spectrum, Doubles]:
+) -> spectra.FixedPattern:
     """Return the pattern estimated from one batch with known displacements.
 
     Args:
@@ -97,9 +97,6 @@ def observe(
         removed: pattern to subtract before the covariance is estimated, shape (F,).
         paths: displacement of each line [px], shape (m,).
         size: length of the Fourier transform [px].
-
-    Returns:
-        Information (precision times mean) and precision at each frequency, shape (F,) each.
     """
     m, count = transformed.shape
     turn, edges = phases(paths, size, count), bands(size)
@@ -114,7 +111,7 @@ def observe(
             information[f] += np.conj(row[f]) * own[f] * seen[f]
         for f in range(count):
             precision[f] += row[f].real * own[f].real + row[f].imag * own[f].imag
-    return information, precision.astype(np.float64)
+    return spectra.FixedPattern(information, precision.astype(np.float64))
 
 
 @spectra.fast

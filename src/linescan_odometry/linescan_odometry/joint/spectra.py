@@ -75,11 +75,10 @@ def without_defects(lines: Lines) -> Lines:
     """
     if len(lines) < FEWEST_LINES:
         return lines
-    pixels = lines.shape[1]
     defective = _defects(lines)
     if len(defective) == 0:
         return lines
-    sound = np.setdiff1d(np.arange(pixels), defective, assume_unique=True)
+    sound = np.setdiff1d(np.arange(lines.shape[1]), defective, assume_unique=True)
     after = np.searchsorted(sound, defective).clip(1, len(sound) - 1)
     left, right = sound[after - 1], sound[after]
     share = ((defective - left) / (right - left)).clip(0.0, 1.0).astype(np.float32)
@@ -97,11 +96,7 @@ def _defects(lines: Lines) -> NDArray[np.int64]:
     the mean over all lines, and has the same sign in this mean and in every line.
     """
     m, n = lines.shape
-    mean = np.zeros(n, np.float32)
-    for k in range(m):
-        for i in range(n):
-            mean[i] += lines[k, i]
-    mean /= np.float32(m)
+    mean = (lines.sum(axis=0) / m).astype(np.float32)
     excess = np.empty(n, np.float32)
     for i in range(n):
         a, b = mean[max(i - 2, 0)], mean[max(i - 1, 0)]
