@@ -34,7 +34,6 @@ _REMEDIES = {
 }
 """Remedies for the states that require a person to act."""
 _NO_TWIST = (conditions.SILENCE, conditions.ABSENT, conditions.STALE)
-_GATE_SIGMA = math.sqrt(GATE)  # innovation at a test ratio of 1, in standard deviations [1]
 
 
 class Source(NamedTuple):
@@ -158,6 +157,5 @@ def _source(name: str, ratio: float, *, isolated: bool, missing: bool = False) -
     if isolated:
         return Source(name, ratio, ISOLATED)
     if ratio > 1.0:
-        sigma = _GATE_SIGMA * math.sqrt(ratio)
-        return Source(name, ratio, REJECTED, f"innovation {sigma:.1f} sigma")
+        return Source(name, ratio, REJECTED, f"innovation {math.sqrt(GATE * ratio):.1f} sigma")
     return Source(name, ratio, FUSED)

@@ -138,7 +138,7 @@ def _advance(constants: BankConstants, memory: BankMemory, target_ns: int) -> No
         record.braked = record.braked + dt if pedal > 0.0 else 0.0
         enable, speeds = reading[wheels:], reading[bank.ROW_WHEELS : wheels]
         fuse_wheels(constants, memory, dt, pedal, enable, speeds, math.hypot(f_x, f_y))
-        filters.weigh_braking(constants, memory, stamp_ns, pedal)
+        filters.weigh_braking(constants, memory, pedal)
 
 
 @lean

@@ -263,9 +263,7 @@ def fuse_twist(
 
 
 @lean
-def weigh_braking(
-    constants: bank.BankConstants, memory: bank.BankMemory, now_ns: int, pedal: float
-) -> None:
+def weigh_braking(constants: bank.BankConstants, memory: bank.BankMemory, pedal: float) -> None:
     """Reduce the likelihoods of filters whose deceleration in a stop is too small.
 
     The limit is the deceleration on slippery ground.
@@ -273,23 +271,17 @@ def weigh_braking(
     Args:
         constants: constants of the vehicle.
         memory: memory of the bank, changed in place.
-        now_ns: time of validity of the filters [ns].
         pedal: the driver's brake demand, 0 to 1.
     """
-    loss = memory.loss
-    for row in range(bank.LOSS_STEPS):
-        for k in range(bank.FILTERS + 1):
-            loss[row, k] = loss[row + 1, k]
+    record, speeds, row = memory.record[0], memory.filter_speeds, memory.newest[1]
+    first = (row - bank.LOSS_STEPS) % bank.READINGS
     for k in range(bank.FILTERS):
-        loss[bank.LOSS_STEPS, k] = math.hypot(memory.state[k, U_X], memory.state[k, U_Y])
-    loss[bank.LOSS_STEPS, bank.FILTERS] = float(now_ns)
-    time = (loss[bank.LOSS_STEPS, bank.FILTERS] - loss[0, bank.FILTERS]) * 1e-9
-    record = memory.record[0]
+        speeds[row, k] = math.hypot(memory.state[k, U_X], memory.state[k, U_Y])
+    time = (memory.stamps[row] - memory.stamps[first]) * 1e-9
     if record.braked < time + constants.spin_up or not record.equipped:
         return
     for k in range(bank.FILTERS):
-        lost = loss[0, k] - loss[bank.LOSS_STEPS, k]
-        least = min(constants.least_loss * pedal * time, 0.5 * loss[0, k])
-        missing = max(least - lost, 0.0)
+        least = min(constants.least_loss * pedal * time, 0.5 * speeds[first, k])
+        missing = max(least - (speeds[first, k] - speeds[row, k]), 0.0)
         memory.evidence[k] -= constants.wheel_weight * 0.5 * (missing / bank.WHEEL) ** 2
     memory.evidence[bank.NO_ESTIMATE] -= constants.wheel_weight

@@ -174,11 +174,10 @@ class BankMemory(NamedTuple):
         wheel_ratio: test ratio of each wheel, NaN while it slides [1], shape (N,).
         ratio: test ratios of the components of the twist in the filter of all sources [1],
             shape (3,).
-        loss: speed of each of the 7 filters after each of the last steps [m/s], and the times of
-            these steps [ns] in the last column, shape (11, 8).
+        filter_speeds: speed of each of the 7 filters at the stored readings [m/s], shape (64, 7).
         rows: readings of the past steps, a ring buffer; each row contains pedal, yaw rate,
             specific force (x, y), N wheel speeds and N enables, shape (64, 4 + 2 N).
-        stamps: stamps of these readings [ns], shape (64,).
+        stamps: stamps of these readings [ns], -1 for readings before the start, shape (64,).
         newest: row of the newest reading, and row of the newest reading that the filters have used,
             shape (2,).
         h: direction in the state space that a measurement observes, shape (8,).
@@ -202,7 +201,7 @@ class BankMemory(NamedTuple):
     faulty: FloatArray
     wheel_ratio: FloatArray
     ratio: FloatArray
-    loss: FloatArray
+    filter_speeds: FloatArray
     rows: FloatArray
     stamps: IntArray
     newest: IntArray
@@ -264,7 +263,7 @@ def bank_memory(wheels: int) -> BankMemory:
         np.zeros((HYPOTHESES, wheels)),
         np.full(wheels, np.nan),
         np.zeros(3),
-        np.zeros((LOSS_STEPS + 1, FILTERS + 1)),
+        np.zeros((READINGS, FILTERS)),
         np.zeros((READINGS, ROW_WHEELS + 2 * wheels)),
         np.full(READINGS, -1, np.int64),
         np.zeros(2, np.int64),
@@ -293,7 +292,7 @@ def begin(constants: BankConstants, memory: BankMemory, now_ns: int, twist: Twis
     memory.rim[:] = math.nan
     memory.idle[:] = memory.mark[:] = memory.torque[:] = memory.most[:] = 0.0
     memory.faulty[:FILTERS] = PRIOR
-    memory.loss[:] = 0.0
+    memory.stamps[:] = -1
     memory.covariance[:] = 0.0
     memory.state[:] = 0.0
     reset_posterior(constants, memory)

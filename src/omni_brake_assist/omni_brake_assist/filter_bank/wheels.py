@@ -41,7 +41,6 @@ class _Wheel(NamedTuple):
         variance: variance of the speed of a rolling rim [m^2/s^2].
         excess: amount by which the rim can exceed its rolling speed while the tire springs back
             after the brake has been released [m/s].
-        span: width of the range of readings of a faulty encoder [m/s].
         limit: largest slip of the wheel, as a share of the rim's speed in rolling [1].
     """
 
@@ -50,7 +49,6 @@ class _Wheel(NamedTuple):
     locked: float
     variance: float
     excess: float
-    span: float
     limit: float
 
 
@@ -81,7 +79,7 @@ def fuse_wheels(
         speeds: wheel speeds [rad/s], shape (N,).
         push: magnitude of the specific force, NaN without an IMU [m/s^2].
     """
-    record, slip = memory.record[0], _slip(constants, memory, push)
+    record, own = memory.record[0], bank.WHEEL**2 + _slip(constants, memory, push) ** 2
     released, rolling, braking = False, False, pedal > 0.0
     span = _SPEED_RANGE + _SPEED_SHARE * math.hypot(memory.twist[0], memory.twist[1])
     # Without an estimate, encoders are as probably faulty as under the best hypothesis.
@@ -99,12 +97,13 @@ def fuse_wheels(
             memory.idle[i], memory.mark[i] = 0.0, abs(rim)
         memory.mark[i] = min(memory.mark[i], abs(rim))
         memory.idle[i] += dt
-        wheel = _mixture(constants, memory, i, (dt, braking, load), (change, slip, span))
+        variance = own + (16.0 * change**2 if math.isfinite(change) else 0.0)
+        wheel = _mixture(constants, memory, i, dt, braking, load, variance)
         faulty, weight = memory.faulty[best, i], constants.wheel_weight
         likelihood = (1.0 - faulty) * (wheel.locked + 1.0 / span) ** weight
         memory.evidence[bank.NO_ESTIMATE] += math.log(likelihood + faulty / span**weight)
         for k in range(bank.FILTERS):
-            _fuse_wheel(constants, memory, i, k, wheel)
+            _fuse_wheel(constants, memory, i, k, wheel, span)
         released = released or load == 0.0
         rolling = rolling or math.isfinite(memory.wheel_ratio[i])
     record.unsupported += dt if braking and released else 0.0
@@ -135,8 +134,10 @@ def _mixture(
     constants: BankConstants,
     memory: BankMemory,
     i: int,
-    step: tuple[float, bool, float],
-    speeds: tuple[float, float, float],
+    dt: float,
+    braking: bool,
+    load: float,
+    variance: float,
 ) -> _Wheel:
     """Return the model of wheel `i` in this step.
 
@@ -144,17 +145,17 @@ def _mixture(
         constants: constants of the vehicle.
         memory: memory of the bank, changed in place.
         i: index of the wheel.
-        step: length of the step [s], whether the pedal is down, and brake command of this wheel as
-            a share of the largest torque, 0 while its brake is released [1].
-        speeds: change of the speed of the rim since the last step, standard deviation of the slip
-            of driven wheels, and width of the range of readings of a faulty encoder [m/s].
+        dt: length of the step [s].
+        braking: whether the pedal is down.
+        load: brake command of the wheel as a share of the largest torque, 0 while its brake is
+            released [1].
+        variance: variance of the speed of the rim if the wheel rolls and its tire does not spring
+            back [m^2/s^2].
     """
-    (dt, braking, load), (change, slip, span) = step, speeds
-    own = bank.WHEEL**2 + slip**2 + (16.0 * change**2 if math.isfinite(change) else 0.0)
     rolls, slides, excess, locked = 1.0 - bank.PRIOR, bank.PRIOR, 0.0, 0.0
     if braking:
         fresh = min(constants.rebound_time / max(memory.released[i], dt), 1.0)
-        own += (constants.rebound * fresh) ** 2
+        variance += (constants.rebound * fresh) ** 2
         # The excess covers 95 % of the readings.
         excess = 0.0 if load > 0.0 else 2.0 * constants.rebound * fresh
         slides = stays = 0.5 * (1.0 - bank.PRIOR)  # sliding and locked are equally probable
@@ -165,7 +166,7 @@ def _mixture(
         locked = stays * math.exp(-0.5 * min((memory.rim[i] / bank.WHEEL) ** 2, GATE))
         locked /= math.sqrt(2.0 * math.pi) * bank.WHEEL
     limit = _largest_slip(constants, memory, i, dt, load)
-    return _Wheel(rolls, slides, locked, own, excess, span, limit)
+    return _Wheel(rolls, slides, locked, variance, excess, limit)
 
 
 @lean
@@ -202,13 +203,14 @@ def _largest_slip(
 
 @lean
 def _fuse_wheel(
-    constants: BankConstants, memory: BankMemory, i: int, k: int, wheel: _Wheel
+    constants: BankConstants, memory: BankMemory, i: int, k: int, wheel: _Wheel, span: float
 ) -> None:
     """Update the evidence of filter `k` and its encoder probability with the speed of wheel `i`.
 
-    If the wheel probably rolls, the filter is also corrected.
+    If the wheel probably rolls, the filter is also corrected. The argument `span` is the width of
+    the range of readings of a faulty encoder [m/s].
     """
-    rolls, slides, locked, own, excess, span, limit = wheel
+    rolls, slides, locked, own, excess, limit = wheel
     h, state, rim = memory.h, memory.state[k], memory.rim[i]
     n_x, n_y, lever = constants.n_x[i], constants.n_y[i], constants.lever[i]
     ground = n_x * state[U_X] + n_y * state[U_Y] + lever * state[RATE]

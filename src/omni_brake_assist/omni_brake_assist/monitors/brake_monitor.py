@@ -133,7 +133,6 @@ def watch_brakes(
         memory[net] = max(memory[net] + (dt if acts else -dt), 0.0)
         if acts and fast and (memory[-1] < _SLIDE_VALIDITY or abs(deviation) > _ROLLS):
             memory[i] = max(memory[i] + (1.0 - (deviation / _ROLLS) ** 2) * dt, 0.0)
-    for i in range(speeds.size):
         if memory[i] > constants.time:
             return i
     return NO_WHEEL

@@ -40,9 +40,6 @@ from omni_platform.geometry import PlatformGeometry
 from omni_platform.kernels import lean
 from omni_platform.quantities import FloatArray
 
-Record = Any
-"""Reference to the record in the array that `effect_memory` returns."""
-
 _LEDGER = np.dtype(
     [
         ("missed", "f8"),  # missed distance [m]
@@ -173,7 +170,7 @@ def watch_effect(
 
 @lean
 def _achieved(
-    constants: EffectConstants, ledger: Record, dt: float, pedal: float, inertial: FloatArray
+    constants: EffectConstants, ledger: Any, dt: float, pedal: float, inertial: FloatArray
 ) -> float:
     """Return the deceleration divided by the possible deceleration, 0 to 1.
 
