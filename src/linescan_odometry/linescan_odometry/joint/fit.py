@@ -182,10 +182,7 @@ def _moved(here: Expansion) -> tuple[Spectrum, float]:
     cut, model = here.cut, here.model
     derivatives = here.inverse[0, 0] * model.along[0] + here.inverse[0, 1] * model.along[1]
     half = (0.5 * derivatives[cut.line]).astype(np.float32).reshape(-1, 1)
-    white = np.zeros_like(cut.spectra)
-    for block in range(len(cut.first) - 1):
-        i, j = cut.first[block], cut.first[block + 1]
-        whiten(half[i:j] * cut.spectra[i:j], model.edges, model.bands, white[i:j])
+    white = whiten(half * cut.spectra, cut.first, model.edges, model.bands)
     moved = half * here.white - white
     curvature = 0.0
     for r in range(len(moved)):

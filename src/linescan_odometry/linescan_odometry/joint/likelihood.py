@@ -11,7 +11,7 @@ number of spatial frequencies, and B the number of frequency bands.
 """
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -100,11 +100,10 @@ def observe(
     """
     m, count = transformed.shape
     turn, edges = phases(paths, size, count), bands(size)
-    white = (transformed - removed) * turn
-    model, _ = covariance(white, np.array([0, m]), edges, np.zeros(count))
-    whiten(turn, edges, model, white)
+    aligned, first = (transformed - removed) * turn, np.array([0, m])
+    model, _ = covariance(aligned, first, edges, np.zeros(count))
+    white = whiten(turn, first, edges, model)
     information, precision = np.zeros(count, np.complex64), np.zeros(count, np.float32)
-    white[:, : edges[0]] = 0.0
     for k in range(m):
         row, own, seen = white[k], turn[k], transformed[k]
         for f in range(count):
@@ -183,40 +182,47 @@ def _products(
 
 
 @spectra.fast
-def whiten(spectra: Spectrum, edges: NDArray[np.int64], model: Doubles, white: Spectrum) -> None:
-    """Multiply the lines of one block by T^-1, and write the product to `white`.
+def whiten(
+    spectra: Spectrum, first: NDArray[np.int64], edges: NDArray[np.int64], model: Doubles
+) -> Spectrum:
+    """Return the product of T^-1 and the lines of each block, shape (t, F); 0 outside all bands.
 
     The cost is proportional to the number of lines. The covariance of the lines is ``T = A + N``:
     an autoregressive part A, and white noise of power N. The inverse of A is tridiagonal, and
     ``T^-1 = (1 - (1 + N A^-1)^-1) / N``.
 
     Args:
-        spectra: spectra of the lines, shape (m, F).
+        spectra: spectra of the lines, blocks of lines one after the other, shape (t, F).
+        first: row of each block's first line, then the number of rows t, shape (blocks + 1,).
         edges: edges of the bands [bins], shape (B + 1,).
         model: texture power S, coherence rho and noise power N of each band, shape (3, B).
-        white: output, T^-1 times the spectra, shape (m, F).
     """
-    m = len(spectra)
-    inverse = np.empty(m, np.float32)
-    lines, out = spectra.view(np.float32), white.view(np.float32)  # T is real
-    for b in range(len(edges) - 1):
-        i, j = 2 * edges[b], 2 * edges[b + 1]
-        off, scale = np.float32(pivots(model[:, b], inverse)), np.float32(1.0 / model[2, b])
-        out[0, i:j] = lines[0, i:j]
-        for k in range(1, m):
-            row, own, last = out[k, i:j], lines[k, i:j], out[k - 1, i:j]
-            ahead = off * inverse[k - 1]
-            for f in range(j - i):
-                row[f] = own[f] - ahead * last[f]
-        out[m - 1, i:j] *= inverse[m - 1]
-        for k in range(m - 2, -1, -1):
-            row, part, after = out[k, i:j], inverse[k], out[k + 1, i:j]
-            for f in range(j - i):
-                row[f] = (row[f] - off * after[f]) * part
-        for k in range(m):
-            row, own = out[k, i:j], lines[k, i:j]
-            for f in range(j - i):
-                row[f] = scale * (own[f] - row[f])
+    white = np.zeros_like(spectra)
+    for block in range(len(first) - 1):
+        start, end = first[block], first[block + 1]
+        lines = spectra[start:end].view(np.float32)  # T is real
+        out = white[start:end].view(np.float32)
+        m = end - start
+        inverse = np.empty(m, np.float32)
+        for b in range(len(edges) - 1):
+            i, j = 2 * edges[b], 2 * edges[b + 1]
+            off, scale = np.float32(pivots(model[:, b], inverse)), np.float32(1.0 / model[2, b])
+            out[0, i:j] = lines[0, i:j]
+            for k in range(1, m):
+                row, own, last = out[k, i:j], lines[k, i:j], out[k - 1, i:j]
+                ahead = off * inverse[k - 1]
+                for f in range(j - i):
+                    row[f] = own[f] - ahead * last[f]
+            out[m - 1, i:j] *= inverse[m - 1]
+            for k in range(m - 2, -1, -1):
+                row, part, after = out[k, i:j], inverse[k], out[k + 1, i:j]
+                for f in range(j - i):
+                    row[f] = (row[f] - off * after[f]) * part
+            for k in range(m):
+                row, own = out[k, i:j], lines[k, i:j]
+                for f in range(j - i):
+                    row[f] = scale * (own[f] - row[f])
+    return white
 
 
 @spectra.fast
@@ -272,38 +278,29 @@ def _cut(lines: Floats, paths: Doubles, limit: int) -> Cut:
         limit: limit on the shift between two compared lines [px].
     """
     m, n = lines.shape
+    length = n
     largest = max(np.abs(np.diff(paths)).max(), 1e-6)
     per = max(2, min(m, 1 + int(limit / largest)))
     blocks = -(-(m - 1) // (per - 1))
     first, ground = np.zeros(blocks + 1, np.int64), np.zeros(blocks)
-    line = np.zeros(m - 1 + blocks, np.int64)
-    lowest, highest = np.zeros(blocks, np.int64), np.zeros(blocks, np.int64)
-    row, length = 0, n
+    rows = m - 1 + blocks
+    line, begin, fraction = np.zeros(rows, np.int64), np.zeros(rows, np.int64), np.zeros(rows)
     for block in range(blocks):
         start, end = round((m - 1) * block / blocks), round((m - 1) * (block + 1) / blocks)
-        for k in range(start, end + 1):
-            line[row] = k
-            row += 1
-            shift = round(paths[k] - paths[start])
-            lowest[block], highest[block] = min(lowest[block], shift), max(highest[block], shift)
-        first[block + 1] = row
-        ground[block] = paths[start] + highest[block]
-        length = max(0, min(length, n - highest[block] + lowest[block]))
+        i, j = start + block, end + block + 1
+        path = paths[start : end + 1] - paths[start]
+        shift = np.rint(path)
+        line[i:j] = np.arange(start, end + 1)
+        begin[i:j] = (shift.max() - shift).astype(np.int64)
+        fraction[i:j] = path - shift
+        first[block + 1] = j
+        ground[block] = paths[start] + shift.max()
+        length = max(0, min(length, n - begin[i:j].max()))
+    part = np.zeros((rows, max(length, 1)), np.float32)
+    for r in range(rows):
+        part[r, :length] = lines[line[r], begin[r] : begin[r] + length]
     size = transform_size(max(length, 16))
-    part, fraction = np.zeros((row, size), np.float32), np.zeros(row)
-    if length > 0:
-        taper = window(length)
-        for block in range(blocks):
-            start = paths[line[first[block]]]
-            for r in range(first[block], first[block + 1]):
-                shift = round(paths[line[r]] - start)
-                fraction[r] = paths[line[r]] - start - shift
-                begin = highest[block] - shift
-                own, out = lines[line[r], begin : begin + length], part[r, :length]
-                mean = np.float32(spectra.sum_of(own) / length)
-                for i in range(length):
-                    out[i] = (own[i] - mean) * taper[i]
-    cut: Any = np.fft.rfft(part, size, 1)[:, : int(spectra.HIGHEST * size)].copy()
+    cut = spectra.spectra_of(part, window(part.shape[1]), size)
     cut *= phases(fraction, size, cut.shape[1])
     return Cut(cut, line, first, ground, length, size)
 
@@ -321,20 +318,14 @@ def window(length: int) -> Floats:
 
 
 @kernel
-def _slopes(cut: Cut, model: _Model) -> tuple[Spectrum, Doubles]:
-    """Return T^-1 times the lines, and the gradient of the log-likelihood.
+def _slopes(cut: Cut, model: _Model, white: Spectrum) -> Doubles:
+    """Return the derivatives of the log-likelihood with respect to d and a, shape (2,).
 
     Args:
         cut: cut lines.
         model: covariance of the lines.
-
-    Returns:
-        ``T^-1 z``, shape (t, F); derivatives with respect to d and a, shape (2,).
+        white: ``T^-1 z``, shape (t, F).
     """
-    white = np.zeros_like(cut.spectra)
-    for block in range(len(cut.first) - 1):
-        i, j = cut.first[block], cut.first[block + 1]
-        whiten(cut.spectra[i:j], model.edges, model.bands, white[i:j])
     sums = np.zeros((2, len(model.rate)), np.float32)
     for r in range(len(white)):
         by_d = np.float32(model.along[0, cut.line[r]])
@@ -344,7 +335,8 @@ def _slopes(cut: Cut, model: _Model) -> tuple[Spectrum, Doubles]:
             turned = w[f].imag * z[f].real - w[f].real * z[f].imag
             sums[0, f] += by_d * turned
             sums[1, f] += by_a * turned
-    return white, (model.rate * sums).sum(axis=1)
+    slopes: Doubles = (model.rate * sums).sum(axis=1)
+    return slopes
 
 
 @kernel
@@ -352,7 +344,9 @@ def _information(cut: Cut, model: _Model) -> Doubles:
     """Return the Fisher information on d and a, shape (2, 2), summed over the frequency bands.
 
     Let ``B = K T - T K``, where K is the diagonal matrix of the derivatives of the paths. The
-    information is ``-f^2 tr(T^-1 B T^-1 B)``.
+    information is ``-f^2 tr(T^-1 B T^-1 B)``. The negative trace equals the sum of
+    ``(T^-1)_kj T_kj (K_k - K_j)^2`` over all lines k and j, where ``K_k`` is the derivative of the
+    path of line k.
 
     Args:
         cut: cut lines.
@@ -370,41 +364,25 @@ def _information(cut: Cut, model: _Model) -> Doubles:
             pivot = np.empty(j - i)
             off[b] = pivots(model.bands[:, b], pivot)
             inverse[:, b] = pivot
-        total += _trace(model.along[:, cut.line[i:j]], off, inverse, rho, share)
-    return total
-
-
-@kernel
-def _trace(along: Doubles, off: Doubles, inverse: Doubles, rho: Doubles, share: Doubles) -> Doubles:
-    """Return ``-tr(T^-1 B T^-1 B)`` of `_information`, summed over the bands, shape (2, 2).
-
-    The trace equals the sum of ``(T^-1)_kj T_kj (K_k - K_j)^2`` over all lines k and j, where
-    ``K_k`` is the derivative of the path of line k.
-
-    Args:
-        along: derivatives of the paths with respect to d and a, shape (2, m).
-        off: off-diagonal element from `pivots`, shape (B,).
-        inverse: inverse pivots from `pivots`, shape (m, B).
-        rho: coherence of neighboring lines, shape (B,).
-        share: weight of each band in the sum, multiplied by 2 S / N, shape (B,).
-    """
-    d_d = d_a = a_a = 0.0
-    diagonal, element = np.zeros(len(off)), np.empty(len(off))
-    for k in range(inverse.shape[0] - 1, -1, -1):
-        # The elements of (1 + N A^-1)^-1, one row after the other.
-        for b in range(len(off)):
-            diagonal[b] = inverse[k, b] + (off[b] * inverse[k, b]) ** 2 * diagonal[b]
-            element[b] = share[b] * diagonal[b]
-        for j in range(k - 1, -1, -1):
-            common = 0.0
+        along = model.along[:, cut.line[i:j]]
+        d_d = d_a = a_a = 0.0
+        diagonal, element = np.zeros(len(off)), np.empty(len(off))
+        for k in range(len(inverse) - 1, -1, -1):
+            # The elements of (1 + N A^-1)^-1, one row after the other.
             for b in range(len(off)):
-                element[b] *= -off[b] * rho[b] * inverse[j, b]
-                common += element[b]
-            by_d, by_a = along[0, k] - along[0, j], along[1, k] - along[1, j]
-            d_d += common * by_d * by_d
-            d_a += common * by_d * by_a
-            a_a += common * by_a * by_a
-    return np.array([[d_d, d_a], [d_a, a_a]])
+                diagonal[b] = inverse[k, b] + (off[b] * inverse[k, b]) ** 2 * diagonal[b]
+                element[b] = share[b] * diagonal[b]
+            for h in range(k - 1, -1, -1):
+                common = 0.0
+                for b in range(len(off)):
+                    element[b] *= -off[b] * rho[b] * inverse[h, b]
+                    common += element[b]
+                by_d, by_a = along[0, k] - along[0, h], along[1, k] - along[1, h]
+                d_d += common * by_d * by_d
+                d_a += common * by_d * by_a
+                a_a += common * by_a * by_a
+        total += np.array([[d_d, d_a], [d_a, a_a]])
+    return total
 
 
 @linked
@@ -432,16 +410,16 @@ def expand(lines: Floats, fixed: Doubles, motion: Doubles, limit: int, spread: f
     power = fixed[np.arange(len(rate)) * len(fixed) // len(rate)] * cut.length / n
     covariances, moments = covariance(cut.spectra, cut.first, edges, power)
     model = _Model(edges, covariances, rate, along)
-    white, slopes = _slopes(cut, model)
+    white = whiten(cut.spectra, cut.first, edges, covariances)
+    slopes = _slopes(cut, model, white)
     slopes[1] -= motion[1] / spread**2
     information = _information(cut, model)
     information[1, 1] += 1.0 / spread**2
     determinant = information[0, 0] * information[1, 1] - information[0, 1] ** 2
-    inverse = np.full((2, 2), math.nan)
-    if cut.length > 0 and information[0, 0] > 0.0 and determinant > 0.0:
-        inverse[0, 0], inverse[1, 1] = information[1, 1], information[0, 0]
-        inverse[0, 1] = inverse[1, 0] = -information[0, 1]
-        inverse /= determinant
+    if cut.length == 0 or information[0, 0] <= 0.0 or determinant <= 0.0:
+        determinant = math.nan
+    (d_d, d_a), (_, a_a) = information
+    inverse = np.array([[a_a, -d_a], [-d_a, d_d]]) / determinant
     by = (inverse * slopes).sum(axis=1)
     by[0] = min(max(by[0], -1.0), 1.0)  # px; the step between displacements in the slant stack
     return Expansion(cut, model, white, moments, by, inverse)

@@ -47,8 +47,7 @@ def test_the_filter_along_the_lines_is_the_inverse_of_the_covariance() -> None:
     spectra = (generator.normal(size=(m, 9)) + 1j * generator.normal(size=(m, 9))).astype(
         np.complex64
     )
-    white = np.zeros((m, 9), np.complex64)
-    whiten(spectra, edges, model, white)
+    white = whiten(spectra, np.array([0, m]), edges, model)
     for band, (texture, rho, noise) in enumerate(model.T):
         lag = np.abs(np.subtract.outer(np.arange(m), np.arange(m)))
         covariance = texture * rho**lag + noise * np.eye(m)
@@ -178,9 +177,7 @@ def shifted(here: Expansion, shift: Any) -> Expansion:
     cut, model = here.cut, here.model
     turn = np.multiply.outer(model.along[0, cut.line], model.rate * shift)
     spectra = (cut.spectra * np.exp(-1j * turn)).astype(np.complex64)
-    white = np.zeros_like(spectra)
-    for i, j in itertools.pairwise(cut.first):
-        whiten(spectra[i:j], model.edges, model.bands, white[i:j])
+    white = whiten(spectra, cut.first, model.edges, model.bands)
     return here._replace(cut=cut._replace(spectra=spectra), white=white)
 
 
