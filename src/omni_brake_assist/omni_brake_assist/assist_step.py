@@ -80,17 +80,16 @@ def _receive(constants: Constants, memory: Memory, inputs: Inputs) -> tuple[bool
     step, line, feedback = memory.step[0], memory.line[0], inputs.feedback
     braking = inputs.pedal >= constants.pedal_threshold
     weighed = _read_sensors(constants, memory, inputs) and constants.fault_detection
-    limits, gate = constants.limits, memory.gate
-    elapsed = min(
-        max(since(inputs.now_ns, gate[0].now_ns) * 1e-9, 0.0), constants.maximum_time_step
-    )
+    limits, gate = constants.limits, memory.gate[0]
+    elapsed = max(since(inputs.now_ns, gate.now_ns) * 1e-9, 0.0)
+    elapsed = min(elapsed, constants.maximum_time_step)
     good = fail_safe.check_inputs(limits, gate, inputs.now_ns, feedback, braking, weighed)
-    gate_open = gate[0].cause == conditions.GOOD
+    gate_open = gate.cause == conditions.GOOD
     stamp_ns, twist = feedback.stamp_ns, feedback.value
     pedal = inputs.pedal if braking else 0.0
     step.dead = step.dead if braking else 0
     if constants.fault_detection:
-        received = good and gate[0].cause in conditions.INPUTS_VALID
+        received = good and gate.cause in conditions.INPUTS_VALID
         chosen = _estimate_motion(constants, memory, inputs, received, pedal, elapsed)
         step.contradicted = chosen == bank_state.NO_ESTIMATE
         step.reckoned = chosen in bank_state.DEAD_RECKONING or not received

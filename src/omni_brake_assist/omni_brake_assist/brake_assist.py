@@ -174,9 +174,10 @@ class BrakeAssist:
         outcome, enable, error = self._step(inputs)
         code = int(self._memory.step["fault"][0])
         present = self._fault_in_words(code) if code != GOOD else None
-        state, reason = CONDITIONS[outcome].state, self._reason(outcome, present)
         if present is not None and conditions.INACTIVE < outcome < conditions.SLOW:
-            state = present.state
+            state, reason = present.state, present.reason
+        else:
+            state, reason = CONDITIONS[outcome].state, self._reason(outcome)
         return Decision(self._stamp_ns, enable, error, state, reason, present)
 
     def _step(self, inputs: Inputs) -> tuple[int, FloatArray, FloatArray]:
@@ -282,15 +283,8 @@ class BrakeAssist:
     def _failed_wheel(self) -> str:
         return self.geometry.names[int(self._memory.step["dead"][0]) - 1]
 
-    def _reason(self, outcome: int, fault: Fault | None) -> str:
-        """Return the reason for the state of the assistant, as one line of text.
-
-        Args:
-            outcome: row of `conditions.CONDITIONS` that determines the state.
-            fault: present fault of an input, or None.
-        """
-        if fault is not None and conditions.INACTIVE < outcome < conditions.SLOW:
-            return fault.reason
+    def _reason(self, outcome: int) -> str:
+        """Return the reason for a row of `conditions.CONDITIONS`, as one line of text."""
         configuration = self.configuration
         if outcome == conditions.FAILED_BRAKE and self._constants.laws.replans:
             outcome = conditions.REPLANNED  # also in steps in which the law releases no brake

@@ -129,13 +129,13 @@ def close_gate(gate: Any, check: int, value: float, limit: float, within: float)
 
 @lean
 def check_inputs(
-    limits: Limits, memory: Any, now_ns: int, sample: TwistSample, braking: bool, weighed: bool
+    limits: Limits, gate: Any, now_ns: int, sample: TwistSample, braking: bool, weighed: bool
 ) -> bool:
     """Check the stamp of a demand and the latest twist, and open or close the gate.
 
     Args:
         limits: limits within which a twist is valid.
-        memory: from `new_gate`; changed in place.
+        gate: memory, a record of `GATE_STATE`, changed in place.
         now_ns: stamp of the demand [ns].
         sample: latest twist, possibly the same as in the last call.
         braking: whether the driver brakes; if so, a twist that does not change with time is
@@ -144,9 +144,8 @@ def check_inputs(
             of the twist are not limited here.
 
     Returns:
-        Whether this twist is valid. The gate is open only if ``memory[0].cause == GOOD``.
+        Whether this twist is valid. The gate is open only if ``gate.cause == GOOD``.
     """
-    gate = memory[0]
     if not _in_time(limits, gate, now_ns):
         gate.known = False
         return False
