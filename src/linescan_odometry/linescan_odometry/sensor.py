@@ -74,9 +74,7 @@ class LineChain:
 
     def __init__(self, sensor: LineSensor) -> None:
         """Create a chain without a stored line."""
-        self._pixels = sensor.pixels
-        self._rate = sensor.line_rate
-        self._period_ns = 1e9 / sensor.line_rate
+        self._sensor = sensor
         self._last: Lines | None = None
         self._last_ns = 0
         self.stretch = 0.0
@@ -102,8 +100,8 @@ class LineChain:
         """
         count, pixels = batch.lines.shape
         fault = batch.fault
-        if count > 0 and pixels != self._pixels:
-            fault = f"lines have {pixels} px, but {self._pixels} px are configured"
+        if count > 0 and pixels != self._sensor.pixels:
+            fault = f"lines have {pixels} px, but {self._sensor.pixels} px are configured"
         if fault:
             self.reset()
             restart()
@@ -134,7 +132,7 @@ class LineChain:
         """
         lines = batch.lines
         count = len(lines)
-        elapsed = (batch.stamp_ns - self._last_ns) / self._period_ns
+        elapsed = (batch.stamp_ns - self._last_ns) / (1e9 / self._sensor.line_rate)
         if elapsed < -_ANEW * count:
             self.reset()
         last = self._last
@@ -159,8 +157,8 @@ class LineChain:
         if last is not None and self._contradicts(late, elapsed, count):
             self.stretch = abs(late) / count
             self.remark = (
-                f"time: {count} lines in {elapsed:.4g} periods of {self._rate:g} lines/s: lines "
-                "are lost or repeated, or the line rate is wrong"
+                f"time: {count} lines in {elapsed:.4g} periods of {self._sensor.line_rate:g} "
+                "lines/s: lines are lost or repeated, or the line rate is wrong"
             )
         return chain
 

@@ -37,10 +37,8 @@ _FIRST_BAND, _BAND_GROWTH = 0.002, 1.45  # cycles per pixel; ratio of band edges
 @kernel
 def spacings(lines: int) -> NDArray[np.int64]:
     """Return the four line spacings at which a batch is correlated, 1 to lines / 3, shape (4,)."""
-    distance = np.empty(SPACINGS, np.int64)
-    for which in range(SPACINGS):
-        distance[which] = max(1, round((lines / 3.0) ** (which / (SPACINGS - 1.0))))
-    return distance
+    powers = [(lines / 3.0) ** (which / (SPACINGS - 1.0)) for which in range(SPACINGS)]
+    return np.array([max(1, round(power)) for power in powers])
 
 
 class Layout(NamedTuple):
@@ -226,8 +224,7 @@ def _refined(correlation: Floats, peak: int, layout: Layout) -> float:
     left, right = total[best - 1], total[best + 1]
     bend = left - 2.0 * total[best] + right
     fraction = 0.5 * (left - right) / bend if bend < 0.0 else 0.0
-    peak_place: float = peak + (best - fine - 1 + min(max(fraction, -0.5), 0.5)) / fine
-    return peak_place
+    return float(peak + (best - fine - 1 + min(max(fraction, -0.5), 0.5)) / fine)
 
 
 @kernel
@@ -392,8 +389,7 @@ def colored(lines: Lines, taper: Floats, layout: Layout) -> float:
         logarithm += (j - i) * math.log(power / (j - i))
     count = edges[-1] - edges[0]
     # For white noise, the estimated power of each band except one adds half a nat on average.
-    ratio: float = number * (count * math.log(total / count) - logarithm) - 0.5 * (len(edges) - 2)
-    return ratio
+    return float(number * (count * math.log(total / count) - logarithm) - 0.5 * (len(edges) - 2))
 
 
 @kernel

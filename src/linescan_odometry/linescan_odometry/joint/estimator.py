@@ -228,8 +228,6 @@ def _choose(view: _View, camera: _Camera, layout: candidates.Layout) -> tuple[fl
         invalid, which is empty for a valid displacement.
     """
     remainder, found = view.remainder, view.found
-    if len(found) == 0:
-        return 0.0, False, "no peak of the correlation"
     evidence = candidates.rate(remainder, layout, found)
     best = int(np.argmax(evidence))
     # If the shift within the batch is below the smallest distance between two peaks, the candidate

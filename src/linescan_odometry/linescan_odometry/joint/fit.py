@@ -21,7 +21,7 @@ import numpy as np
 
 from linescan_odometry.joint import spectra
 from linescan_odometry.joint.candidates import APART, Correlation, Layout, coherent, farthest
-from linescan_odometry.joint.likelihood import LEAST_NOISE, Expansion, whiten, window
+from linescan_odometry.joint.likelihood import LEAST_NOISE, Expansion, turned, whiten, window
 from linescan_odometry.joint.spectra import Doubles, Floats, Spectrum
 from linescan_odometry.matching.transforms import transform_size
 from omni_platform.kernels import kernel, linked
@@ -70,8 +70,7 @@ def _noise(lines: Floats) -> float:
             square[i] += value * value
     # The coefficients 1, 3, 3 and 1 of a third difference have the sum of squares 20, and the
     # difference of two lines has twice the noise variance of one line.
-    noise: float = np.median(square) / (2.0 * 20.0 * (m - 1))
-    return noise
+    return float(np.median(square) / (2.0 * 20.0 * (m - 1)))
 
 
 @linked
@@ -140,8 +139,7 @@ def _variance(errors: Doubles, share: Doubles) -> float:
     # Student's factor, with the degrees of freedom of a sum with Bartlett's weights. It is limited
     # like that of the curvature.
     freedom = 1.5 / ((_CORRELATED + 1.0) * concentration)
-    variance: float = scatter / max(1.0 - 2.0 / freedom, spectra.SIGNIFICANT**-2)
-    return variance
+    return float(scatter / max(1.0 - 2.0 / freedom, spectra.SIGNIFICANT**-2))
 
 
 @kernel
@@ -154,18 +152,14 @@ def _between_bands(here: Expansion, moved: Spectrum, share: Doubles) -> float:
         share: share of each frequency band in the information [1], shape (B,).
     """
     rate, edges = here.model.rate, here.model.edges
-    turned, errors = np.zeros(len(rate), np.float32), np.empty(len(share))
-    for r in range(len(moved)):
-        z, w = here.cut.spectra[r], moved[r]
-        for f in range(len(turned)):
-            turned[f] += z[f].real * w[f].imag - z[f].imag * w[f].real
+    sums = turned(here.cut.spectra, moved, np.ones(len(moved), np.float32))
+    errors = np.empty(len(share))
     for b in range(len(share)):
         i, j = edges[b], edges[b + 1]
-        errors[b] = (rate[i:j] * turned[i:j]).sum()
+        errors[b] = (rate[i:j] * sums[i:j]).sum()
     own = errors - share * errors.sum()
     # HC2 of MacKinnon, White (1985); 0 if there is only one band.
-    variance: float = (own * own / np.maximum(1.0 - share, 1e-9)).sum()
-    return variance
+    return float((own * own / np.maximum(1.0 - share, 1e-9)).sum())
 
 
 @kernel
@@ -291,9 +285,7 @@ def scatter(
     """
     excluded, share = limits
     last = farthest(displacement, layout)
-    own = np.zeros(last + 1)
-    for which in range(last + 1):
-        own[which] = coherent(rest, layout, displacement, which)
+    own = [coherent(rest, layout, displacement, which) for which in range(last + 1)]
     away = np.arange(1.0, APART + 1.0)
     total, moment = 1.0, 0.0
     for rivals in (np.zeros(1), displacement - away, displacement + away):

@@ -108,7 +108,6 @@ def observe(
         row, own, seen = white[k], turn[k], transformed[k]
         for f in range(count):
             information[f] += np.conj(row[f]) * own[f] * seen[f]
-        for f in range(count):
             precision[f] += row[f].real * own[f].real + row[f].imag * own[f].imag
     return spectra.FixedPattern(information, precision.astype(np.float64))
 
@@ -311,32 +310,25 @@ def window(length: int) -> Floats:
     taper = np.ones(length, np.float32)
     flank = max(1, length // _TAPER)
     for i in range(flank):
-        value = np.float32(0.5 - 0.5 * math.cos(math.pi * (i + 0.5) / flank))
-        taper[i] = value
-        taper[length - 1 - i] = value
+        taper[i] = taper[length - 1 - i] = 0.5 - 0.5 * math.cos(math.pi * (i + 0.5) / flank)
     return taper
 
 
 @kernel
-def _slopes(cut: Cut, model: _Model, white: Spectrum) -> Doubles:
-    """Return the derivatives of the log-likelihood with respect to d and a, shape (2,).
+def turned(lines: Spectrum, products: Spectrum, weight: Floats) -> Floats:
+    """Return the sum of ``Im(conj(z) w)`` over the lines, shape (F,).
 
     Args:
-        cut: cut lines.
-        model: covariance of the lines.
-        white: ``T^-1 z``, shape (t, F).
+        lines: spectra z, shape (t, F).
+        products: products w of a matrix and z, shape (t, F).
+        weight: weight of each line in the sum, shape (t,).
     """
-    sums = np.zeros((2, len(model.rate)), np.float32)
-    for r in range(len(white)):
-        by_d = np.float32(model.along[0, cut.line[r]])
-        by_a = np.float32(model.along[1, cut.line[r]])
-        z, w = cut.spectra[r], white[r]
-        for f in range(len(model.rate)):
-            turned = w[f].imag * z[f].real - w[f].real * z[f].imag
-            sums[0, f] += by_d * turned
-            sums[1, f] += by_a * turned
-    slopes: Doubles = (model.rate * sums).sum(axis=1)
-    return slopes
+    total = np.zeros(lines.shape[1], np.float32)
+    for r in range(len(lines)):
+        z, w, by = lines[r], products[r], weight[r]
+        for f in range(len(total)):
+            total[f] += by * (w[f].imag * z[f].real - w[f].real * z[f].imag)
+    return total
 
 
 @kernel
@@ -411,7 +403,8 @@ def expand(lines: Floats, fixed: Doubles, motion: Doubles, limit: int, spread: f
     covariances, moments = covariance(cut.spectra, cut.first, edges, power)
     model = _Model(edges, covariances, rate, along)
     white = whiten(cut.spectra, cut.first, edges, covariances)
-    slopes = _slopes(cut, model, white)
+    weights = along[:, cut.line].astype(np.float32)
+    slopes = np.array([(rate * turned(cut.spectra, white, by)).sum() for by in weights])
     slopes[1] -= motion[1] / spread**2
     information = _information(cut, model)
     information[1, 1] += 1.0 / spread**2
