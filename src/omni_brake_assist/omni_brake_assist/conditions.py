@@ -58,27 +58,10 @@ class AssistState(enum.Enum):
         Invalid feedback and jumps of stamps cause a warning, because valid values may follow
         without intervention. All other faults are errors, which require an operator.
         """
-        if self in _NORMAL:
-            return OK
-        return WARNING if self in _TRANSIENT else ERROR
+        return next(row.level for row in CONDITIONS if row.state is self)
 
 
 OK, WARNING, ERROR = range(3)
-_NORMAL = (
-    AssistState.DISABLED,
-    AssistState.INACTIVE,
-    AssistState.BELOW_SPEED_THRESHOLD,
-    AssistState.NO_RELEASE,
-    AssistState.DEAD_RECKONING,
-    AssistState.ASSISTING,
-)
-_TRANSIENT = (
-    AssistState.TIME_JUMP,
-    AssistState.NON_FINITE_FEEDBACK,
-    AssistState.LOW_CONFIDENCE,
-    AssistState.IMPLAUSIBLE_FEEDBACK,
-    AssistState.CONTRADICTED_FEEDBACK,
-)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -124,11 +107,13 @@ class Condition(NamedTuple):
 
     Attributes:
         state: state of the assistant while the condition holds.
+        level: level for `/diagnostics`: OK, WARNING or ERROR.
         words: text of the reason, with the placeholders `value`, `limit`, `within` and `wheel`;
             empty if the code that detects the condition supplies the text.
     """
 
     state: AssistState
+    level: int
     words: str = ""
 
 
@@ -142,86 +127,100 @@ CONDITIONS: list[Condition] = []
 """All conditions in the order of their precedence; the number of a condition is its index."""
 
 
-def _condition(state: AssistState, words: str = "") -> int:
+def _condition(state: AssistState, level: int, words: str = "") -> int:
     """Append a condition to `CONDITIONS`, and return its number."""
-    CONDITIONS.append(Condition(state, words))
+    CONDITIONS.append(Condition(state, level, words))
     return len(CONDITIONS) - 1
 
 
-DISABLED = _condition(_S.DISABLED, "assistant is switched off")
-INACTIVE = _condition(_S.INACTIVE, "pedal below {limit:g}")
-INVALID_DEMAND = _condition(_S.INVALID_DEMAND)
-INVALID_STAMP = _condition(_S.INVALID_DEMAND)
-NO_DEMAND = _condition(_S.NO_DEMAND)
-UNKNOWN_WHEEL = _condition(_S.UNKNOWN_WHEEL)
-SECOND_PUBLISHER = _condition(_S.SECOND_PUBLISHER)
+DISABLED = _condition(_S.DISABLED, OK, "assistant is switched off")
+INACTIVE = _condition(_S.INACTIVE, OK, "pedal below {limit:g}")
+INVALID_DEMAND = _condition(_S.INVALID_DEMAND, ERROR)
+INVALID_STAMP = _condition(_S.INVALID_DEMAND, ERROR)
+NO_DEMAND = _condition(_S.NO_DEMAND, ERROR)
+UNKNOWN_WHEEL = _condition(_S.UNKNOWN_WHEEL, ERROR)
+SECOND_PUBLISHER = _condition(_S.SECOND_PUBLISHER, ERROR)
 INTERNAL_ERROR = _condition(
     _S.INTERNAL_ERROR,
+    ERROR,
     "control law returned an enable outside [0, 1] or an error that is not finite",
 )
-NO_EFFECT = _condition(_S.NO_EFFECT, _NO_EFFECT + _LATCHED)
-SILENCE = _condition(_S.STALE_FEEDBACK)
-DEMAND_BACK = _condition(_S.TIME_JUMP, "the stamp of the demand decreased by {value:.4g} s")
+NO_EFFECT = _condition(_S.NO_EFFECT, ERROR, _NO_EFFECT + _LATCHED)
+SILENCE = _condition(_S.STALE_FEEDBACK, ERROR)
+DEMAND_BACK = _condition(
+    _S.TIME_JUMP, WARNING, "the stamp of the demand decreased by {value:.4g} s"
+)
 DEMAND_LEAP = _condition(
-    _S.TIME_JUMP, "the stamp of the demand increased by {value:.4g} s, more than {limit:g} s"
+    _S.TIME_JUMP,
+    WARNING,
+    "the stamp of the demand increased by {value:.4g} s, more than {limit:g} s",
 )
-NOTHING_YET = _condition(_S.NO_FEEDBACK, "no feedback has been received yet")
-ABSENT = _condition(_S.NO_FEEDBACK, "no feedback has been received")
-UNREADABLE = _condition(_S.NON_FINITE_FEEDBACK)
-TWIST_NOT_FINITE = _condition(_S.NON_FINITE_FEEDBACK, "twist contains {value}, must be finite")
+NOTHING_YET = _condition(_S.NO_FEEDBACK, ERROR, "no feedback has been received yet")
+ABSENT = _condition(_S.NO_FEEDBACK, ERROR, "no feedback has been received")
+UNREADABLE = _condition(_S.NON_FINITE_FEEDBACK, WARNING)
+TWIST_NOT_FINITE = _condition(
+    _S.NON_FINITE_FEEDBACK, WARNING, "twist contains {value}, must be finite"
+)
 COVARIANCE_NOT_FINITE = _condition(
-    _S.NON_FINITE_FEEDBACK, "covariance contains {value}, must be finite"
+    _S.NON_FINITE_FEEDBACK, WARNING, "covariance contains {value}, must be finite"
 )
-STALE = _condition(_S.STALE_FEEDBACK, "feedback is {value:.4g} s old, more than {limit:g} s")
+STALE = _condition(_S.STALE_FEEDBACK, ERROR, "feedback is {value:.4g} s old, more than {limit:g} s")
 AHEAD = _condition(
-    _S.TIME_JUMP, "feedback is {value:.4g} s ahead of the demand, more than {limit:g} s"
+    _S.TIME_JUMP, WARNING, "feedback is {value:.4g} s ahead of the demand, more than {limit:g} s"
 )
-BACK = _condition(_S.TIME_JUMP, "the stamp of the feedback decreased by {value:.4g} s")
+BACK = _condition(_S.TIME_JUMP, WARNING, "the stamp of the feedback decreased by {value:.4g} s")
 UNKNOWN_VARIANCE = _condition(
-    _S.LOW_CONFIDENCE, "covariance of the feedback is unknown: a variance is not positive"
+    _S.LOW_CONFIDENCE, WARNING, "covariance of the feedback is unknown: a variance is not positive"
 )
 SPEED_DEVIATION = _condition(
-    _S.LOW_CONFIDENCE, _DEVIATION + "velocity is {value:.4g} m/s" + _MORE + "m/s"
+    _S.LOW_CONFIDENCE, WARNING, _DEVIATION + "velocity is {value:.4g} m/s" + _MORE + "m/s"
 )
 YAW_RATE_DEVIATION = _condition(
-    _S.LOW_CONFIDENCE, _DEVIATION + "yaw rate is {value:.4g} rad/s" + _MORE + "rad/s"
+    _S.LOW_CONFIDENCE, WARNING, _DEVIATION + "yaw rate is {value:.4g} rad/s" + _MORE + "rad/s"
 )
-TOO_FAST = _condition(_S.IMPLAUSIBLE_FEEDBACK, "speed is {value:.4g} m/s" + _MORE + "m/s")
+TOO_FAST = _condition(_S.IMPLAUSIBLE_FEEDBACK, WARNING, "speed is {value:.4g} m/s" + _MORE + "m/s")
 TURNS_TOO_FAST = _condition(
-    _S.IMPLAUSIBLE_FEEDBACK, "yaw rate is {value:.4g} rad/s" + _MORE + "rad/s"
+    _S.IMPLAUSIBLE_FEEDBACK, WARNING, "yaw rate is {value:.4g} rad/s" + _MORE + "rad/s"
 )
 SPEED_STEP = _condition(
     _S.IMPLAUSIBLE_FEEDBACK,
+    WARNING,
     "change of velocity is {value:.4g} m/s within {within:.3g} s" + _MORE + "m/s",
 )
 YAW_RATE_STEP = _condition(
     _S.IMPLAUSIBLE_FEEDBACK,
+    WARNING,
     "change of yaw rate is {value:.4g} rad/s within {within:.3g} s" + _MORE + "rad/s",
 )
 FROZEN = _condition(
-    _S.IMPLAUSIBLE_FEEDBACK, "time without any change while braking is {value:.4g} s" + _MORE + "s"
+    _S.IMPLAUSIBLE_FEEDBACK,
+    WARNING,
+    "time without any change while braking is {value:.4g} s" + _MORE + "s",
 )
 CONTRADICTED = _condition(
-    _S.CONTRADICTED_FEEDBACK, "twist, IMU and wheel speeds give no valid estimate"
+    _S.CONTRADICTED_FEEDBACK, WARNING, "twist, IMU and wheel speeds give no valid estimate"
 )
 SLOW = _condition(
-    _S.BELOW_SPEED_THRESHOLD, "speed of the fastest wheel center fell below {limit:g} m/s"
+    _S.BELOW_SPEED_THRESHOLD, OK, "speed of the fastest wheel center fell below {limit:g} m/s"
 )
 NO_RELEASE = _condition(
     _S.NO_RELEASE,
+    OK,
     "control law would release every brake, for example because no error is negative, or too "
     "few wheel speeds are known",
 )
-FAILED_BRAKE = _condition(_S.FAILED_BRAKE, _FAILED + _LATCHED)
+FAILED_BRAKE = _condition(_S.FAILED_BRAKE, ERROR, _FAILED + _LATCHED)
 REPLANNED = _condition(
     _S.FAILED_BRAKE,
+    ERROR,
     _FAILED + ": until the pedal is released, allocation controls the valves of the others",
 )
 DEAD_RECKONING = _condition(
     _S.DEAD_RECKONING,
+    OK,
     "motion estimated from IMU and wheel speeds: brakes with a negative error are on",
 )
-ASSISTING = _condition(_S.ASSISTING, "brakes with a negative error are on")
+ASSISTING = _condition(_S.ASSISTING, OK, "brakes with a negative error are on")
 GOOD = ASSISTING
 """Condition without a fault."""
 INPUTS_VALID = GOOD, INTERNAL_ERROR
@@ -232,7 +231,7 @@ def states_table() -> str:
     """Return the table of conditions in the order of precedence, as Markdown."""
     lines = ["| state | level | reason |", "|---|---|---|"]
     for row in CONDITIONS:
-        level = ("OK", "warning", "error")[row.state.level]
+        level = ("OK", "warning", "error")[row.level]
         reason = re.sub(r"\{(\w+)[^}]*\}", r"*\1*", row.words) or "named in the message"
         lines.append(f"| `{row.state.value}` | {level} | {reason} |")
     return "\n".join(dict.fromkeys(lines)) + "\n"

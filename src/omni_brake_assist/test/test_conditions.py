@@ -19,8 +19,9 @@ from omni_brake_assist.conditions import (
 README = Path(__file__).parents[1] / "README.md"
 
 
-def test_every_state_has_a_condition() -> None:
-    assert {row.state for row in CONDITIONS} == set(AssistState)
+def test_every_state_has_a_condition_and_one_level() -> None:
+    for state in AssistState:
+        assert len({row.level for row in CONDITIONS if row.state is state}) == 1
 
 
 @pytest.mark.parametrize("code", [DISABLED, NO_EFFECT, DEAD_RECKONING, ASSISTING])
