@@ -17,7 +17,6 @@ along a ramp. Like any speed controller, it also accelerates a wheel that is slo
 command, so it does not lock the wheel.
 """
 
-import math
 from typing import NamedTuple
 
 from omni_platform.kernels import lean_inline
@@ -103,14 +102,15 @@ def wheel_step(
         spin: spin of the wheel at the start of the step.
         drive: drive of the wheel.
     """
-    moving = Spin(spin.speed, spin.inertia + tire.dt * drive.stiffness, spin.brake)
-    impulse = tire.dt * drive.stiffness * (drive.speed - spin.speed)
-    for _ in range(2):  # a loop, so that the code of a step exists once
-        step = _braked(tire, curve, patch, hub, moving, impulse)
-        torque = drive.stiffness * (drive.speed - step.speed)
-        if not abs(torque) > drive.limit:  # nor NaN
-            break
-        moving, impulse = spin, tire.dt * math.copysign(drive.limit, torque)
+    if drive.stiffness <= 0.0:
+        return _braked(tire, curve, patch, hub, spin, 0.0)
+    coupled = Spin(spin.speed, spin.inertia + tire.dt * drive.stiffness, spin.brake)
+    driven = tire.dt * drive.stiffness * (drive.speed - spin.speed)
+    step = _braked(tire, curve, patch, hub, coupled, driven)
+    torque = drive.stiffness * (drive.speed - step.speed)
+    if abs(torque) > drive.limit:
+        limited = drive.limit if torque > 0.0 else -drive.limit
+        step = _braked(tire, curve, patch, hub, spin, tire.dt * limited)
     return step
 
 
