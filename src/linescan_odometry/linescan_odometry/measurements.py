@@ -23,16 +23,16 @@ class Displacement(NamedTuple):
         variance: variance of the mean displacement [px^2].
         correlation: coherence of neighboring lines (method `joint`) or mean correlation of the line
             pairs (method `pairs`), up to 1.
+        rest: logarithm of the gray levels, minus the camera's fixed pattern (method `joint`), or
+            the gray levels (method `pairs`), shape (m + 1, n).
         share: share of the line pairs that were used, 0 to 1.
-        rest: logarithm of the gray levels, minus the camera's fixed pattern, shape (m + 1, n); None
-            with the method `pairs`.
     """
 
     value: float
     variance: float
     correlation: float
-    share: float
-    rest: Lines | Float32Array | None = None
+    rest: Lines | Float32Array
+    share: float = 1.0
 
 
 @dataclasses.dataclass(frozen=True)

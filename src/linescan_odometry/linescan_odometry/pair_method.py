@@ -52,7 +52,16 @@ class PairsMethod:
         self._matcher.reset()
 
     def measure(self, lines: Lines, plausibility: Plausibility, stamp_ns: int) -> Displacement:
-        """Return the mean displacement per line in a batch; implements `sensor.Method.measure`."""
+        """Return the mean displacement per line in a batch.
+
+        Args:
+            lines: consecutive lines, oldest first, shape (m + 1, n).
+            plausibility: check for displacements that are impossible for the platform.
+            stamp_ns: time of exposure of the newest line [ns].
+
+        Raises:
+            Unmeasured: the lines do not determine a displacement.
+        """
         settings = self._settings
         pairs = self._matcher.match(lines)
         implausible = plausibility.mark(stamp_ns, pairs)
@@ -65,7 +74,7 @@ class PairsMethod:
         value = average(pairs.displacement, inlier, weight)
         variance = float(np.sum((weight[inlier] @ pairs.errors[inlier]) ** 2))
         correlation = float(pairs.similarity @ inlier) / np.count_nonzero(inlier)
-        return Displacement(value, variance, correlation, share)
+        return Displacement(value, variance, correlation, lines, share)
 
     def _describe(self, pairs: PairDisplacements, implausible: int) -> str:
         """Return the reason why the pairs of a batch gave no displacement."""

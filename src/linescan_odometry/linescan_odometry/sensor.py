@@ -9,7 +9,6 @@ import math
 from collections.abc import Callable
 from functools import cache, partial
 from pathlib import Path
-from typing import Protocol
 
 import numpy as np
 
@@ -36,25 +35,6 @@ _WHOLE = 0.75  # share of a batch; a longer gap counts as a missing batch
 _BACKGROUND = 16384  # pixels of a batch above which a background thread saves time
 
 
-class Method(Protocol):
-    """Method that measures the displacement of the lines of one camera."""
-
-    def measure(self, lines: Lines, plausibility: Plausibility, stamp_ns: int) -> Displacement:
-        """Return the mean displacement per line in a batch.
-
-        Args:
-            lines: consecutive lines, oldest first, shape (m + 1, n).
-            plausibility: check for displacements that are impossible for the platform.
-            stamp_ns: time of exposure of the newest line [ns].
-
-        Raises:
-            Unmeasured: the lines do not determine a displacement.
-        """
-
-    def reset(self) -> None:
-        """Discard all lines; the next line starts a new sequence."""
-
-
 class LineChain:
     """Joins a camera's batches into a chain of consecutive lines, and checks their stamps.
 
@@ -65,6 +45,7 @@ class LineChain:
     consecutive.
 
     Attributes:
+        period_ns: line period at the configured line rate [ns].
         stretch: relative difference between the measured duration of the last batch and its
             duration at the configured line rate [1]; 0 within the tolerance. The velocity may have
             an equal relative error.
@@ -75,6 +56,7 @@ class LineChain:
     def __init__(self, sensor: LineSensor) -> None:
         """Create a chain without a stored line."""
         self._sensor = sensor
+        self.period_ns = 1e9 / sensor.line_rate
         self._last: Lines | None = None
         self._last_ns = 0
         self.stretch = 0.0
@@ -88,12 +70,17 @@ class LineChain:
         self._late = 0.0
 
     def take(self, batch: LineBatch, restart: Callable[[], None]) -> Lines:
-        """Check a batch, and return the result of `join`: at least two consecutive lines.
+        """Return the last line of the previous batch, followed by the lines of this batch.
+
+        At the start and after a missing batch, only the lines of this batch are returned.
 
         Args:
             batch: batch of the camera; batches must be given in the order of delivery.
             restart: function that is called if the batch is faulty or does not continue the lines
                 of the previous batch.
+
+        Returns:
+            Copy of the lines, oldest first, shape (m, n); m is at least 2.
 
         Raises:
             Unmeasured: the batch is faulty, or there are fewer than two lines.
@@ -108,49 +95,19 @@ class LineChain:
             raise Unmeasured(fault)
         if count == 0:
             raise Unmeasured("the batch contains no line")
-        lines = self.join(batch)
-        if len(lines) == count:
-            restart()
-        if len(lines) < 2:
-            raise Unmeasured("only one line, and no previous line to compare it with")
-        return lines
-
-    def join(self, batch: LineBatch) -> Lines:
-        """Return the last line of the previous batch, followed by the lines of this batch.
-
-        At the start and after a missing batch, only the lines of this batch are returned.
-
-        Args:
-            batch: at least one line, with the configured number of pixels.
-
-        Returns:
-            Copy of the lines, oldest first, shape (m, n).
-
-        Raises:
-            Unmeasured: the stamp is older than the stamp of the previous batch, or the batch
-                repeats the lines of the previous batch.
-        """
-        lines = batch.lines
-        count = len(lines)
-        elapsed = (batch.stamp_ns - self._last_ns) / (1e9 / self._sensor.line_rate)
+        elapsed = (batch.stamp_ns - self._last_ns) / self.period_ns
         if elapsed < -_ANEW * count:
             self.reset()
         last = self._last
-        if last is not None and elapsed < 0.0:
-            raise Unmeasured(
-                f"time: the stamp is {-elapsed:.3g} line periods older than that of the "
-                "previous batch; batches are swapped"
-            )
-        if last is not None and count > 1 and elapsed:
-            repeated = np.array_equal(last, lines[-1]) and not np.array_equal(lines[-2], lines[-1])
-            if repeated:
-                self._last_ns = batch.stamp_ns
-                raise Unmeasured("time: the lines of the previous batch were repeated")
+        if last is not None:
+            self._check_order(batch, last, elapsed)
         late = elapsed - count
-        self.joined = last is not None and last.dtype == lines.dtype and abs(late) < 0.5
-        chain: Lines = lines.copy()
+        chain: Lines = batch.lines.copy()
+        self.joined = last is not None and last.dtype == chain.dtype and abs(late) < 0.5
         if last is not None and self.joined:
-            chain = np.insert(lines, 0, last, axis=0)
+            chain = np.insert(chain, 0, last, axis=0)
+        else:
+            restart()
         self._last = chain[-1]
         self._last_ns = batch.stamp_ns
         self.stretch, self.remark = 0.0, ""
@@ -160,7 +117,32 @@ class LineChain:
                 f"time: {count} lines in {elapsed:.4g} periods of {self._sensor.line_rate:g} "
                 "lines/s: lines are lost or repeated, or the line rate is wrong"
             )
+        if len(chain) < 2:
+            raise Unmeasured("only one line, and no previous line to compare it with")
         return chain
+
+    def _check_order(self, batch: LineBatch, last: Lines, elapsed: float) -> None:
+        """Check that a batch is newer than the previous batch.
+
+        Args:
+            batch: at least one line, with the configured number of pixels.
+            last: last line of the previous batch, shape (n,).
+            elapsed: time since the last batch [line periods].
+
+        Raises:
+            Unmeasured: the stamp is older than the stamp of the previous batch, or the batch
+                repeats the lines of the previous batch.
+        """
+        if elapsed < 0.0:
+            raise Unmeasured(
+                f"time: the stamp is {-elapsed:.3g} line periods older than that of the "
+                "previous batch; batches are swapped"
+            )
+        lines = batch.lines
+        constant = len(lines) == 1 or np.array_equal(lines[-2], lines[-1])
+        if elapsed and not constant and np.array_equal(last, lines[-1]):
+            self._last_ns = batch.stamp_ns
+            raise Unmeasured("time: the lines of the previous batch were repeated")
 
     def _contradicts(self, late: float, elapsed: float, count: int) -> bool:
         """Return whether the time since the last batch contradicts the number of lines.
@@ -207,7 +189,7 @@ class SensorOdometry:
         self._references = References(sensor.pixels)
         if tables is not None:
             self._references.load(tables)
-        self._method: Method = (
+        self._method: JointEstimator | PairsMethod = (
             PairsMethod(sensor, configuration)
             if configuration.method == "pairs"
             else JointEstimator(
@@ -266,10 +248,7 @@ class SensorOdometry:
         if not self._chain.joined:
             self._keyframe.reset()
         age, persistence = self._keyframe.compare(
-            stamp_ns,
-            1e9 / self._sensor.line_rate,
-            lines if displacement.rest is None else displacement.rest,
-            displacement.value,
+            stamp_ns, self._chain.period_ns, displacement.rest, displacement.value
         )
         return SensorReading(
             velocity=velocity,

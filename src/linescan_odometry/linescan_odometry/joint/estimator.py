@@ -126,7 +126,16 @@ class JointEstimator:
         self._last = math.nan
 
     def measure(self, lines: Lines, plausibility: Plausibility, stamp_ns: int) -> Displacement:
-        """Return the mean displacement per line in a batch; implements `sensor.Method.measure`."""
+        """Return the mean displacement per line in a batch.
+
+        Args:
+            lines: consecutive lines, oldest first, shape (m + 1, n).
+            plausibility: check for displacements that are impossible for the platform.
+            stamp_ns: time of exposure of the newest line [ns].
+
+        Raises:
+            Unmeasured: the lines do not determine a displacement.
+        """
         estimate = self.estimate(lines)
         if estimate.reason:
             raise Unmeasured(estimate.reason, unmatched=True)
@@ -136,9 +145,7 @@ class JointEstimator:
                 f"{plausibility.limit:g} m/s^2 since the last measurement"
             )
         self._last = estimate.value
-        return Displacement(
-            estimate.value, estimate.variance, estimate.coherence, 1.0, estimate.rest
-        )
+        return Displacement(estimate.value, estimate.variance, estimate.coherence, estimate.rest)
 
     def estimate(self, lines: Lines) -> Estimate:
         """Return the displacement estimated from a batch of lines, oldest first, shape (m, n)."""

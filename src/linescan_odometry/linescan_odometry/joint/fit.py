@@ -88,8 +88,7 @@ def assess(lines: Floats, here: Expansion) -> Fit:
     for b in range(len(edges) - 1):
         gamma = min(max(moments[1, b] / moments[0, b], 1e-6), 1.0 - LEAST_NOISE)
         weight[edges[b] : edges[b + 1]] = math.sqrt(gamma / ((1.0 - gamma * gamma) * moments[0, b]))
-        rate = here.model.rate[edges[b] : edges[b + 1]]
-        gradient[b] = (rate * rate).sum()
+        gradient[b] = (here.model.rate[edges[b] : edges[b + 1]] ** 2).sum()
         information[b] = gamma * gamma / (1.0 - gamma * gamma) * gradient[b]
     noise = _noise(lines) * (window(cut.length) ** 2).sum()
     contrast = (moments[1] * gradient).sum() / max(noise * gradient.sum(), 1e-12)

@@ -353,9 +353,7 @@ def _information(cut: Cut, model: _Model) -> Doubles:
         i, j = cut.first[block], cut.first[block + 1]
         inverse = np.empty((j - i, len(rho)))
         for b in range(len(rho)):
-            pivot = np.empty(j - i)
-            off[b] = pivots(model.bands[:, b], pivot)
-            inverse[:, b] = pivot
+            off[b] = pivots(model.bands[:, b], inverse[:, b])
         along = model.along[:, cut.line[i:j]]
         d_d = d_a = a_a = 0.0
         diagonal, element = np.zeros(len(off)), np.empty(len(off))
