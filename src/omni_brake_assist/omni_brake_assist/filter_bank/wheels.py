@@ -104,7 +104,7 @@ def fuse_wheels(
         memory.evidence[bank.NO_ESTIMATE] += math.log(likelihood + faulty / span**weight)
         for k in range(bank.FILTERS):
             _fuse_wheel(constants, memory, i, k, wheel, span)
-        released = released or load == 0.0
+        released = released or memory.released[i] >= constants.spin_up
         rolling = rolling or math.isfinite(memory.wheel_ratio[i])
     record.unsupported += dt if braking and released else 0.0
     if rolling:
