@@ -159,9 +159,10 @@ class BankMemory(NamedTuple):
         twist: last received twist [m/s, m/s, rad/s], shape (3,).
         released: time for which each brake has been released [s], shape (N,).
         rim: last speed of each rim along the active direction [m/s], shape (N,).
-        mark: lowest speed of the rim of each released wheel since it gained speed [m/s], shape
-            (N,); a later speed that is higher by a limit is the next gain.
-        idle: time for which the rim of each released wheel has not gained speed [s], shape (N,).
+        mark: largest speed of the rim of each released wheel since its release, as a share of its
+            speed in rolling [1], shape (N,).
+        idle: time for which the rim of each released wheel has not exceeded that share [s], shape
+            (N,).
         share: last speed of each braked rim, as a share of its speed in rolling [1], shape (N,).
         torque: filtered command of each brake since the slip changes slowly, as a share of the
             largest torque [1], shape (N,).

@@ -14,7 +14,8 @@ from omni_brake_assist.filter_bank.state import RATE, SCALE, U_X, U_Y, BankConst
 from omni_platform.kernels import lean
 from omni_platform.quantities import FloatArray
 
-# A released wheel counts as idle while its rim gains less speed than _GAIN [m/s]. An idle wheel
+# The slip of a released wheel only decreases, because friction accelerates its rim. The wheel is
+# idle until its rim is faster by _GAIN [m/s] than with the smallest slip so far. An idle wheel
 # either rolls, or its brake still acts.
 # On ice (friction 0.1, load 2500 N, radius 0.2 m, inertia 1 kg m^2) the speed of a rim rises by
 # _GAIN in 0.01 s. The idle time has a Rayleigh distribution. Its mode is _IDLE / sqrt(2) [s] for a
@@ -93,9 +94,9 @@ def fuse_wheels(
         if math.isnan(rim):
             continue
         acts = not braking or memory.released[i] < constants.spin_up
-        if acts or abs(rim) > memory.mark[i] + _GAIN:
-            memory.idle[i], memory.mark[i] = 0.0, abs(rim)
-        memory.mark[i] = min(memory.mark[i], abs(rim))
+        rolling_speed = max(_rolling_speed(constants, memory, i), _GAIN)
+        if acts or abs(rim) > memory.mark[i] * rolling_speed + _GAIN:
+            memory.idle[i], memory.mark[i] = 0.0, abs(rim) / rolling_speed
         memory.idle[i] += dt
         variance = own + (16.0 * change**2 if math.isfinite(change) else 0.0)
         wheel = _mixture(constants, memory, i, dt, braking, load, variance)
@@ -109,6 +110,14 @@ def fuse_wheels(
     record.unsupported += dt if braking and released else 0.0
     if rolling:
         record.unsupported = 0.0
+
+
+@lean
+def _rolling_speed(constants: BankConstants, memory: BankMemory, i: int) -> float:
+    """Return the speed of the rim of wheel `i` in rolling, according to the best filter [m/s]."""
+    state = memory.state[min(memory.record[0].best, bank.NO_IMU)]
+    ground = constants.n_x[i] * state[U_X] + constants.n_y[i] * state[U_Y]
+    return abs(ground + constants.lever[i] * state[RATE]) * (1.0 + state[SCALE])
 
 
 @lean
@@ -188,9 +197,7 @@ def _largest_slip(
         load: brake command of the wheel as a share of the largest torque, 0 while its brake is
             released [1].
     """
-    state, rim = memory.state[min(memory.record[0].best, bank.NO_IMU)], abs(memory.rim[i])
-    ground = constants.n_x[i] * state[U_X] + constants.n_y[i] * state[U_Y]
-    ground = abs(ground + constants.lever[i] * state[RATE]) * (1.0 + state[SCALE])
+    ground, rim = _rolling_speed(constants, memory, i), abs(memory.rim[i])
     if load == 0.0 or rim < _GAIN or abs(rim - memory.share[i] * ground) > _GAIN:
         memory.torque[i] = memory.most[i] = 0.0
     memory.share[i] = min(rim / max(ground, _GAIN), 1.0)
