@@ -57,7 +57,7 @@ BANK = np.dtype(
         ("twist_ns", "i8"),  # time of validity of the newest twist [ns]
         ("gyro", "f8"),  # last reading of the gyro [rad/s], NaN if there is none
         ("braked", "f8"),  # time since the pedal was pressed [s]
-        ("unsupported", "f8"),  # time for which no released wheel has rolled [s]
+        ("unsupported", "f8"),  # time for which no wheel has rolled although one could [s]
         ("restart_ns", "i8"),  # time of the last restart of the filter of all sources [ns]
         ("best", "i8"),  # most probable hypothesis
     ]

@@ -94,9 +94,10 @@ def fuse_wheels(
         if math.isnan(rim):
             continue
         acts = not braking or memory.released[i] < constants.spin_up
-        rolling_speed = max(_rolling_speed(constants, memory, i), _GAIN)
-        if acts or abs(rim) > memory.mark[i] * rolling_speed + _GAIN:
-            memory.idle[i], memory.mark[i] = 0.0, abs(rim) / rolling_speed
+        free = max(_rolling_speed(constants, memory, i), _GAIN)
+        share = min(abs(rim) / free, 1.0)
+        if acts or share > memory.mark[i] + _GAIN / free:
+            memory.idle[i], memory.mark[i] = 0.0, share
         memory.idle[i] += dt
         variance = own + (16.0 * change**2 if math.isfinite(change) else 0.0)
         wheel = _mixture(constants, memory, i, dt, braking, load, variance)

@@ -108,7 +108,16 @@ def test_an_impossible_wheel_speed_is_isolated(
 def test_a_possible_wheel_speed_is_used(
     mecanum: dict[str, WheelMount], speed: Callable[[float, float], float], enable: float
 ) -> None:
-    assert not isolated_encoder(mecanum, speed, enable)
+    assert not isolated_encoder(mecanum, speed, enable, change=STEP)
+
+
+def test_a_released_wheel_does_not_slip_more_again(mecanum: dict[str, WheelMount]) -> None:
+    """The encoder gives the speed of another wheel, whose slip is controlled."""
+
+    def speed(time: float, rolling: float) -> float:
+        return (0.25 + 0.05 * float(np.sin(20.0 * np.pi * time))) * rolling
+
+    assert isolated_encoder(mecanum, speed, 0.0, seconds=0.6, change=STEP)
 
 
 def test_a_wheel_whose_brake_releases_late_is_no_faulty_encoder(

@@ -102,11 +102,11 @@ class Drive:
                 inertial[2] += size
             if faulty and (fault == "wheel" or (fault == "silence" and step >= onset + 20)):
                 speeds[0] += size
-            received = not (faulty and fault in ("silence", "locked"))
+            received = not (faulty and fault in ("silence", "locked", "pulses"))
             enable = np.ones(count)
             if braking:
-                enable[0] = 0.0
-                speeds[0 if fault == "locked" else 1 :] = 0.0
+                enable[0] = float(fault == "pulses" and step % 2)
+                speeds[0 if fault in ("locked", "pulses") else 1 :] = 0.0
             if faulty and fault == "ice":
                 speeds[0] = min(speeds[0], size * (step - onset))
             now_ns, answer = step * PERIOD_NS, np.full(3, np.nan)
@@ -162,6 +162,12 @@ def test_the_motion_is_known_without_any_twist(drive: Drive) -> None:
 def test_without_any_twist_a_released_wheel_must_roll(drive: Drive) -> None:
     drive.run(PEDAL + 25, "locked", onset=0)
     assert drive.chosen[-1] == bank.NO_ESTIMATE
+
+
+def test_without_a_twist_a_wheel_need_not_roll_within_one_step_of_its_release(drive: Drive) -> None:
+    drive.run(120, "pulses")
+    assert bank.NO_ESTIMATE not in drive.chosen
+    assert drive.error == pytest.approx(0.0, abs=0.01)
 
 
 def test_without_a_twist_the_estimate_stays_valid_during_a_long_drive(drive: Drive) -> None:
