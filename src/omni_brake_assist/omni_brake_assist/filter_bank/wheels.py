@@ -118,7 +118,7 @@ def _rolling_speed(constants: BankConstants, memory: BankMemory, i: int) -> floa
     """Return the speed of the rim of wheel `i` in rolling, according to the best filter [m/s]."""
     state = memory.state[min(memory.record[0].best, bank.NO_IMU)]
     ground = constants.n_x[i] * state[U_X] + constants.n_y[i] * state[U_Y]
-    return abs(ground + constants.lever[i] * state[RATE]) * (1.0 + state[SCALE])
+    return float(abs(ground + constants.lever[i] * state[RATE]) * (1.0 + state[SCALE]))
 
 
 @lean
