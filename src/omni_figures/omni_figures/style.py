@@ -154,7 +154,7 @@ def time_label(histories: Iterable[RunHistory]) -> str:
 def picture_of(figure: Figure, dots_per_inch: int = 80) -> bytes:
     """Return a figure as the bytes of a PNG file."""
     stream = io.BytesIO()
-    figure.savefig(stream, format="png", dpi=dots_per_inch, metadata={"Software": None})
+    _write(figure, stream, dots_per_inch, format="png", metadata={"Software": None})
     return stream.getvalue()
 
 
@@ -170,7 +170,16 @@ def save_figure(figure: Figure, path: Path | str) -> Path:
     target.parent.mkdir(parents=True, exist_ok=True)
     if target.suffix == ".svg":
         with matplotlib.rc_context({"svg.hashsalt": "omni"}):
-            figure.savefig(target, metadata={"Date": None})
+            _write(figure, target, 72, metadata={"Date": None})
     else:
-        figure.savefig(target, metadata={"Software": None})
+        _write(figure, target, matplotlib.rcParams["savefig.dpi"], metadata={"Software": None})
     return target
+
+
+def _write(figure: Figure, target: Path | io.BytesIO, dots_per_inch: float, **look: Any) -> None:
+    """Lay out a figure and write it; `savefig` would draw it one more time for its layout."""
+    figure.set_dpi(dots_per_inch)
+    if layout := figure.get_layout_engine():
+        layout.execute(figure)
+        figure.set_layout_engine(None)
+    figure.savefig(target, dpi=dots_per_inch, **look)

@@ -24,3 +24,9 @@ class LoopOptions(configuration.Configuration):
         odometry = [f"feedback={self.odometry}"] if self.odometry is not None else []
         simulator = [f"vehicle.wheel_model={self.simulator}"] if self.simulator is not None else []
         return [*law, *odometry, *simulator, *self.overrides]
+
+
+def is_swept(override: str) -> bool:
+    """Return whether a ``dotted.key=value`` text contains several values."""
+    _, _, value = override.partition("=")
+    return "," in value and not value.lstrip().startswith(("[", "{", '"', "'"))

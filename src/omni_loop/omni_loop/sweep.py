@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
 from omni_loop import experiment, history
 from omni_loop.metrics import Metric, run_metrics
+from omni_loop.options import is_swept
 from omni_loop.yaml_files import load_yaml
 from omni_platform.configuration import ConfigurationError
 
@@ -34,12 +35,6 @@ class SweptRun:
     variant: str
     values: Mapping[str, str]
     metrics: Mapping[str, Metric]
-
-
-def is_swept(override: str) -> bool:
-    """Return whether a ``dotted.key=value`` text contains several values."""
-    _, _, value = override.partition("=")
-    return "," in value and not value.lstrip().startswith(("[", "{", '"', "'"))
 
 
 def combinations(overrides: Iterable[str]) -> Iterator[tuple[dict[str, str], tuple[str, ...]]]:

@@ -10,7 +10,8 @@ import pytest
 from omni_bringup.cli import main
 from omni_loop.compiled import run_fast_loop
 from omni_loop.experiment import ExperimentLibrary
-from omni_loop.sweep import combinations, is_swept
+from omni_loop.options import is_swept
+from omni_loop.sweep import combinations
 from omni_platform.configuration import ConfigurationError
 
 CONFIG = Path(__file__).resolve().parents[3] / "config"

@@ -5,6 +5,7 @@ definition to Python code and runs it. A recording with a different definition o
 rejected, because its bytes would be decoded incorrectly.
 """
 
+import functools
 from collections.abc import Collection, Iterator
 from typing import Any
 
@@ -87,6 +88,12 @@ class MessageDecoder:
         return ""
 
 
+@functools.cache
+def _decoder() -> MessageDecoder:
+    """Return the decoder of this process; it checks each definition only once."""
+    return MessageDecoder()
+
+
 def decoded_messages(
     bag: Bag, topics: Collection[str], *, ordered: bool = False
 ) -> Iterator[tuple[RecordedMessage, Any]]:
@@ -101,7 +108,7 @@ def decoded_messages(
     Raises:
         BagError: the recording or a message cannot be read.
     """
-    decoder = MessageDecoder()
+    decoder = _decoder()
     chosen = (m for m in bag_messages(bag) if m.channel.topic in topics)
     for recorded in in_time_order(chosen) if ordered else chosen:
         try:

@@ -130,8 +130,8 @@ def _find(type_name: str, ending: str, prefixes: Iterable[Path]) -> Path:
         )
     package, name = match.groups()
     for prefix in prefixes:
-        path = prefix / "share" / package / "msg" / f"{name}{ending}"
-        if path.is_file():
-            return path
+        path = f"{prefix}/share/{package}/msg/{name}{ending}"
+        if os.path.isfile(path):  # faster than Path, as there may be dozens of prefixes
+            return Path(path)
     searched = ", ".join(str(prefix) for prefix in prefixes)
     raise MessageDefinitionError(f"{type_name} is not installed below any of: {searched}")

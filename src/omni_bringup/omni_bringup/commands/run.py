@@ -9,12 +9,13 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from functools import cache, partial
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from omni_bringup import command_report, interruption
 from omni_bringup.workspace import Workspace, progress_bar
-from omni_loop.options import LoopOptions
+from omni_loop.options import LoopOptions, is_swept
 from omni_platform.command_options import CommandOptions, option
 from omni_platform.configuration import ConfigurationError, InputError, WorkError, check_choice
 
@@ -64,7 +65,6 @@ class Options(LoopOptions, CommandOptions):
 def run(options: Options, workspace: Workspace) -> command_report.Report:
     """Check the configuration, make the folder, run every variant, draw the figures, report."""
     from omni_bringup.graph.process_group import fork_server
-    from omni_loop.sweep import is_swept
 
     if any(map(is_swept, options.changes)):
         from omni_bringup.sweep import run_sweep
@@ -135,8 +135,12 @@ def _run_variants(
     from omni_bringup.graph.run_variant import finish_runs, run_variant
     from omni_loop.experiment import short_name
 
-    # This check runs during the first run, because it would otherwise delay the start.
-    note = cache(lambda: workspace.check(configurations.values()))
+    @cache
+    def prepare() -> None:
+        """Do during the first run what would delay the start or the end of the command."""
+        workspace.check(configurations.values())
+        import_module("omni_figures.top_view")
+
     shares = dict.fromkeys(configurations, 0.0)
     results, name = {}, short_name(options.experiment)
     try:
@@ -146,7 +150,7 @@ def _run_variants(
                 shares[variant] = report["share"]
                 words = f"{variant}, t = {report['time']:.2f} s, {report['speed']:.2f} m/s"
                 show(sum(shares.values()) / len(shares), words)
-                note()
+                prepare()
 
             show(0.0, "starting the nodes")
             runs = [
@@ -165,7 +169,7 @@ def _run_variants(
                 write_summary(_document(options.experiment, [result]), result.folder)
                 results[result.variant] = result
     except (InputError, WorkError) as error:
-        note()
+        prepare()
         raise WorkError("\n".join((str(error), *_left_behind(folder)))) from error
     return [results[variant] for variant in configurations]
 
@@ -204,7 +208,6 @@ def _report(
 
     The figures are like Figures 24 and 31 of the dissertation.
     """
-    # Imported only after the run, because the import takes about a second.
     from omni_figures.scene import Scene
     from omni_figures.style import save_figure
     from omni_figures.tables.comparison_table import ComparisonTable

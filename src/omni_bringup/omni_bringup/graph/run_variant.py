@@ -6,6 +6,7 @@ the same time.
 
 import contextlib
 import dataclasses
+import functools
 import math
 import tempfile
 import time
@@ -62,14 +63,18 @@ class VariantResult:
         )
 
 
-Run = Generator[None, None, VariantResult]
-"""Generator that performs a run; each step handles new reports and processes that have ended."""
+Run = Generator[None, None, Callable[[], VariantResult]]
+"""Generator that performs a run; each step handles new reports and processes that have ended.
+
+It returns a function that reads the recording of the run and computes the results.
+"""
 
 
 def finish_runs(runs: Iterable[Run], at_once: int = 1) -> Iterator[VariantResult]:
     """Advance runs until they end, and yield the result of each run.
 
-    If a run fails or the iterator is closed, all processes of the other runs are ended.
+    The results of a run are computed while the nodes of the next run start. If a run fails or the
+    iterator is closed, all processes of the other runs are ended.
 
     Args:
         runs: generators from `run_variant` that have not started.
@@ -79,8 +84,10 @@ def finish_runs(runs: Iterable[Run], at_once: int = 1) -> Iterator[VariantResult
         RunError: a run failed; of several failures, the first one is raised.
     """
     waiting, running = list(runs), list[Run]()
+    ended: list[Callable[[], VariantResult]] = []
     with contextlib.ExitStack() as stack:
-        while waiting or running:
+        while waiting or running or ended:
+            before, ended = ended, []
             while waiting and len(running) < at_once:
                 running.append(stack.enter_context(contextlib.closing(waiting.pop(0))))
             for run in tuple(running):
@@ -88,7 +95,9 @@ def finish_runs(runs: Iterable[Run], at_once: int = 1) -> Iterator[VariantResult
                     next(run)
                 except StopIteration as end:
                     running.remove(run)
-                    yield end.value
+                    ended.append(end.value)
+            for results in before:
+                yield results()
             time.sleep(0.05)
 
 
@@ -142,7 +151,7 @@ def run_variant(
             halted = (one.node.name for one in group.running if one.was_halted)
             cause = next((name for name in halted if name != simulator.node.name), None)
             raise RunError(_HALTED.format(cause) if cause else str(error)) from None
-    return measured(report, variant, folder, configuration)
+    return functools.partial(measured, report, variant, folder, configuration)
 
 
 def measured(

@@ -96,7 +96,10 @@ def maneuver_of(configuration: ManeuverConfiguration) -> Maneuver:
 
 
 def straight_bound(
-    vehicle: VehicleConfiguration, ground: GroundConfiguration, maneuver: Maneuver
+    vehicle: VehicleConfiguration,
+    ground: GroundConfiguration,
+    maneuver: Maneuver,
+    run: float = 0.0,
 ) -> Bound:
     """Return the lower bound of the distance of stops that keep heading and line of motion.
 
@@ -104,6 +107,8 @@ def straight_bound(
         vehicle: the vehicle.
         ground: ground under the vehicle.
         maneuver: motion at the start of braking.
+        run: distance of a stop that is compared with the bound [m]; the tolerance is only computed
+            for a shorter stop, otherwise it is NaN.
     """
     if reason := _left_out(vehicle, ground):
         return Bound(math.nan, reason=reason)
@@ -129,12 +134,8 @@ def straight_bound(
     if not math.isfinite(distance):
         return Bound(math.nan, reason=_WEAK)
     gap = best.bound / best.feasible - 1.0
-    lagging = _strongest(cases.first(lag=share) for share in (0.25, 0.5, 0.75, 1.0))
-    gain = max(lagging / best.bound - 1.0, 0.0)
-    near = _strongest(cases.first(angle) for angle in cases.near)
-    leeway = distance * (1.0 - best.bound / max(near, best.bound))
-    rebound = cases.limit.rebound(maneuver.twist[:2] / speed, best.bound)
-    return Bound(distance, gap, speed * vehicle.load_transfer_time * gain + leeway + rebound)
+    tolerance = cases.tolerance(distance, best.bound) if run < distance else math.nan
+    return Bound(distance, gap, tolerance)
 
 
 def any_heading_bound(
@@ -206,7 +207,7 @@ class _Cases:
         sketch: bool = False,
     ) -> None:
         self.limit = LimitVehicle(vehicle)
-        self._brake = vehicle.brake
+        self._brake, self._load_transfer_time = vehicle.brake, vehicle.load_transfer_time
         self._map = FrictionMap(ground.friction, ground.patches)
         self._maneuver = maneuver
         self._final = vehicle.brake.max_torque * maneuver.pedal
@@ -315,6 +316,21 @@ class _Straight(_Cases):
         case = Case(self.friction(0.0, 0.0), True, self._final)._replace(**changes)
         return self.limit.strongest(turned(self._direction, angle), case)
 
+    def tolerance(self, distance: float, first: float) -> float:
+        """Return the tolerance of a bound [m].
+
+        Args:
+            distance: the bound [m].
+            first: largest deceleration at the start of braking [m/s^2].
+        """
+        lagging = _strongest(self.first(lag=share) for share in (0.25, 0.5, 0.75, 1.0))
+        gain = max(lagging / first - 1.0, 0.0)
+        near = _strongest(self.first(angle) for angle in self.near)
+        leeway = distance * (1.0 - first / max(near, first))
+        rebound = self.limit.rebound(self._direction, first)
+        speed = math.hypot(*self._maneuver.twist[:2])
+        return speed * self._load_transfer_time * gain + leeway + rebound
+
     @property
     def near(self) -> list[float]:
         """Deviations of the direction of motion for which the bound is computed [rad].
@@ -415,7 +431,7 @@ def limit_share(
         return metrics.Metric(math.nan, "1", note="limit_share: there is no stopping distance")
     twist = history.twist[start] * np.array([1.0, 1.0, 0.0])
     maneuver = Maneuver(history.pose[start], twist, float(np.max(history.pedal)))
-    bound = straight_bound(configuration.vehicle, configuration.ground, maneuver)
+    bound = straight_bound(configuration.vehicle, configuration.ground, maneuver, distance)
     share = bound.distance / distance
     note = ""
     if math.isnan(share):
