@@ -84,20 +84,25 @@ def finish_runs(runs: Iterable[Run], at_once: int = 1) -> Iterator[VariantResult
         RunError: a run failed; of several failures, the first one is raised.
     """
     waiting, running = list(runs), list[Run]()
-    ended: list[Callable[[], VariantResult]] = []
     with contextlib.ExitStack() as stack:
-        while waiting or running or ended:
-            before, ended = ended, []
-            while waiting and len(running) < at_once:
+
+        def start_next() -> None:
+            if waiting:
                 running.append(stack.enter_context(contextlib.closing(waiting.pop(0))))
+                next(running[-1])
+
+        for _ in range(at_once):
+            start_next()
+        while running:
             for run in tuple(running):
                 try:
                     next(run)
                 except StopIteration as end:
                     running.remove(run)
-                    ended.append(end.value)
-            for results in before:
-                yield results()
+                    try:
+                        start_next()
+                    finally:  # the results of a finished run are kept if the next one cannot start
+                        yield end.value()
             time.sleep(0.05)
 
 
