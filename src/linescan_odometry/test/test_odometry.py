@@ -104,9 +104,9 @@ def test_any_split_into_batches_gives_the_same_displacements(
     cuts: list[int], expose: Expose, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     lines = expose(np.cumsum(np.linspace(-40.0, 60.0, 60)), 256, noise=2.0)
-    expected = one_sensor(method="pairs")._method._matcher.match(lines)  # type: ignore[attr-defined]
+    expected = one_sensor(method="pairs")._method._matcher.match(lines)  # type: ignore[union-attr]
     sensor = one_sensor(method="pairs")
-    matcher = sensor._method._matcher  # type: ignore[attr-defined]
+    matcher = sensor._method._matcher  # type: ignore[union-attr]
     seen = []
     measure = matcher.match
 
