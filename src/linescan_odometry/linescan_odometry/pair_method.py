@@ -52,16 +52,7 @@ class PairsMethod:
         self._matcher.reset()
 
     def measure(self, lines: Lines, plausibility: Plausibility, stamp_ns: int) -> Displacement:
-        """Return the mean displacement per line in a batch.
-
-        Args:
-            lines: consecutive lines, oldest first, shape (m + 1, n).
-            plausibility: check for displacements that are impossible for the platform.
-            stamp_ns: time of exposure of the newest line [ns].
-
-        Raises:
-            Unmeasured: the lines do not determine a displacement.
-        """
+        """Return the mean displacement per line in a batch, like `JointEstimator.measure`."""
         settings = self._settings
         pairs = self._matcher.match(lines)
         implausible = plausibility.mark(stamp_ns, pairs)

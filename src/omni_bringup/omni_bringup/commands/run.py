@@ -135,12 +135,8 @@ def _run_variants(
     from omni_bringup.graph.run_variant import finish_runs, run_variant
     from omni_loop.experiment import short_name
 
-    @cache
-    def prepare() -> None:
-        """Do during the first run what would delay the start or the end of the command."""
-        workspace.check(configurations.values())
-        import_module("omni_figures.top_view")
-
+    # This check runs during the first run, because it would otherwise delay the start.
+    note = cache(lambda: workspace.check(configurations.values()))
     shares = dict.fromkeys(configurations, 0.0)
     results, name = {}, short_name(options.experiment)
     try:
@@ -150,7 +146,8 @@ def _run_variants(
                 shares[variant] = report["share"]
                 words = f"{variant}, t = {report['time']:.2f} s, {report['speed']:.2f} m/s"
                 show(sum(shares.values()) / len(shares), words)
-                prepare()
+                note()
+                import_module("omni_figures.top_view")  # now, because it would delay the end
 
             show(0.0, "starting the nodes")
             runs = [
@@ -169,7 +166,7 @@ def _run_variants(
                 write_summary(_document(options.experiment, [result]), result.folder)
                 results[result.variant] = result
     except (InputError, WorkError) as error:
-        prepare()
+        note()
         raise WorkError("\n".join((str(error), *_left_behind(folder)))) from error
     return [results[variant] for variant in configurations]
 

@@ -11,6 +11,7 @@ import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -315,3 +316,17 @@ def test_a_node_that_is_halted_while_the_graph_starts_is_named(
         wait_until(lambda: odometry.is_halted)
         with pytest.raises(ProcessError, match="odometry was halted by a signal"):
             next(steps)
+
+
+def test_a_finished_run_keeps_its_results_if_the_next_one_cannot_start() -> None:
+    def finishes() -> Any:
+        yield
+        return lambda: "results"
+
+    def cannot_start() -> Any:
+        yield find_executable("no_package", "no_program")
+
+    results = run_variant.finish_runs([finishes(), cannot_start()])
+    assert next(results) == "results"  # type: ignore[comparison-overlap]
+    with pytest.raises(ProcessError, match="no_package"):
+        next(results)

@@ -70,7 +70,7 @@ class Bound(NamedTuple):
             feasible forces [1].
         tolerance: length by which a run may be shorter than the bound because of neglected effects
             [m]: lag of the loads, elastic deflection of the tires at rest, and deviations of
-            heading and direction up to `KEPT`.
+            heading and direction up to `KEPT`; NaN if it is not needed.
         reason: reason why no bound was computed; otherwise empty.
     """
 
