@@ -28,7 +28,6 @@ import numpy as np
 from omni_platform.kernels import kernel
 from omni_platform.quantities import Float32Array, FloatArray, Int8Array, Int16Array, Int32Array
 from omni_sim.camera.footprint import cells, rows
-from omni_sim.camera.footprint.blocks import BLOCK
 from omni_sim.camera.footprint.padding import LEAST_WIDTH, PaddedTexture
 from omni_sim.camera.footprint.rows import Rows
 
@@ -129,11 +128,9 @@ def _scratch(half_length: float, half_width: float, pixels: int) -> _Scratch:
         pixels: number of pixels per line.
     """
     room = math.ceil(2.0 * half_length * math.sqrt(2.0)) + 2 * _MARGIN
-    room = (-(-room // BLOCK) + 2) * BLOCK
-    sums = np.empty(room + BLOCK, np.int16)
     most_rows = int(2.0 * (half_length + half_width)) + 2 * _MARGIN
     return _Scratch(
-        sums[-sums.ctypes.data % (2 * BLOCK) // 2 :][:room],  # aligned to a cache line
+        np.empty(room, np.int16),
         np.empty((rows.CLASSES, room), np.int32),
         np.empty((rows.CLASSES, room), np.int32),
         np.empty((rows.CLASSES, room), np.int32),
@@ -194,13 +191,6 @@ def _integrate_line(
     climb = math.floor(slope * rows.ONE + 0.5)
 
     column = int(origin + whole) % ground.texels
-    if tangent * (row_count + 2 * BLOCK) < 1.0:
-        # Most rows have the same shift, so blocks start where they match the cache lines.
-        spare = column % BLOCK
-        column -= spare
-        origin -= spare
-        count += spare
-        low -= climb * spare
 
     # Shift of the texels of row_0 relative to those of the middle row [quarter texels].
     ahead = math.floor(((row_0 - middle) * tangent * rows.CLASSES + rows.HALF) * rows.ONE)

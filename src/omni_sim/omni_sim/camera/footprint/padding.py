@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 from omni_platform.configuration import ConfigurationError
 from omni_platform.kernels import kernel
 from omni_platform.sensors import LineSensor
-from omni_sim.camera.footprint import blocks
 from omni_sim.texture.texture import GroundTexture
 
 
@@ -66,8 +65,8 @@ LEAST_WIDTH = 10.0
 
 _CACHE_LINE = 64  # bytes
 # Number of texels that may be read beyond the footprint's length times sqrt(2): room for the
-# corners of the footprint, and for the two blocks of columns in which the runs of the integral end.
-_MARGIN = 2 * 8 + 3 * blocks.BLOCK
+# corners of the footprint.
+_MARGIN = 2 * 8
 
 
 class Coarsening(NamedTuple):

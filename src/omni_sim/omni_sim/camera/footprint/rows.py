@@ -8,14 +8,12 @@ column covers only in part, along the two long sides of the footprint, are added
 """
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from omni_platform.kernels import inlined, kernel
 from omni_platform.quantities import Int8Array, Int16Array, Int32Array, IntArray
-from omni_sim.camera.footprint import blocks
-from omni_sim.camera.footprint.blocks import BLOCK
 
 POINT = 24
 """Number of fractional bits of a fixed-point position."""
@@ -37,7 +35,6 @@ GROUP = 4
 
 _SPILL = 248  # rows added before an int16 could overflow: (248 + GROUP) 128 < 2^15
 _EDGE_COLUMNS = 16  # columns per step along the long sides
-_BLOCKS = ~(BLOCK - 1)  # mask that gives the first column of the block of a column
 _LEVEL = 20  # bits of the number that replaces infinity if rows and columns are parallel
 # Unsigned indices avoid the check for negative numbers.
 _0, _1, _2, _3 = (np.uint64(i) for i in range(4))
@@ -211,49 +208,48 @@ def add_rows(
     listed, used = rows.listed[cls], rows.used[cls]
     sums[:] = 0
     for place in range(0, min(used, _SPILL), GROUP):
-        _add_four_rows(texture, rows, listed[place:], len(totals), sums)
+        _add_four_rows(texture, rows, listed[place:], sums)
     for c in range(len(totals)):
         totals[c] = np.int32(sums[c]) << WEIGHT_BITS
     for begin in range(_SPILL, used, _SPILL):
         sums[:] = 0
         for place in range(begin, min(used, begin + _SPILL), GROUP):
-            _add_four_rows(texture, rows, listed[place:], len(totals), sums)
+            _add_four_rows(texture, rows, listed[place:], sums)
         for c in range(len(totals)):
             totals[c] += np.int32(sums[c]) << WEIGHT_BITS
 
 
 @inlined
-def _add_four_rows(
-    texture: Int8Array, rows: Rows, listed: IntArray, count: int, sums: Int16Array
-) -> None:
-    """Add the first four listed rows to `sums`, in blocks of columns.
+def _add_four_rows(texture: Int8Array, rows: Rows, listed: IntArray, sums: Int16Array) -> None:
+    """Add the first four listed rows to `sums`.
 
-    In the blocks at the two ends, the columns that a row does not cover completely are masked.
+    The columns that all four rows cover are added in one loop, which the compiler can vectorize.
     """
     offsets = _four(rows.offsets, listed)
     starts = _four(rows.starts, listed)
     ends = _four(rows.ends, listed)
-    # The first row begins and ends leftmost, and the last one rightmost. Sums beyond the last
-    # column are not used.
-    first = starts[0] & _BLOCKS
-    outer = (count + BLOCK - 1 if ends[0] >= count else ends[0]) & _BLOCKS
-    inner = min((starts[3] + BLOCK - 1) & _BLOCKS, outer)
-    for c in range(first, inner, BLOCK):
-        blocks.add_four_between(sums, c, texture, offsets, (starts, ends))
-    for c in range(inner, outer, BLOCK):
-        blocks.add_four(sums, c, texture, offsets)
-    for c in range(max(first, outer), ends[3], BLOCK):
-        blocks.add_four_between(sums, c, texture, offsets, (starts, ends))
+    # The first row begins and ends leftmost, and the last one rightmost.
+    first = starts[3]
+    last = max(ends[0], first)
+    for row in range(GROUP):
+        offset = offsets[row]
+        for c in range(starts[row], min(ends[row], first)):
+            sums[c] += texture[offset + c]
+        for c in range(max(starts[row], last), ends[row]):
+            sums[c] += texture[offset + c]
+    at_0, at_1, at_2, at_3 = offsets
+    for c in range(first, last):
+        sums[c] += texture[at_0 + c] + texture[at_1 + c] + texture[at_2 + c] + texture[at_3 + c]
 
 
 @inlined
-def _four(numbers: IntArray, listed: IntArray) -> tuple[int, int, int, int]:
-    """Return the entries of `numbers` for the first four listed rows."""
+def _four(numbers: IntArray, listed: IntArray) -> tuple[Any, Any, Any, Any]:
+    """Return the entries of `numbers` for the first four listed rows, as unsigned indices."""
     return (
-        numbers[np.uint64(listed[_0])],
-        numbers[np.uint64(listed[_1])],
-        numbers[np.uint64(listed[_2])],
-        numbers[np.uint64(listed[_3])],
+        np.uint64(numbers[np.uint64(listed[_0])]),
+        np.uint64(numbers[np.uint64(listed[_1])]),
+        np.uint64(numbers[np.uint64(listed[_2])]),
+        np.uint64(numbers[np.uint64(listed[_3])]),
     )
 
 
