@@ -190,10 +190,8 @@ def build_inputs(root: Path) -> Iterator[Path]:
     """Yield the files and folders on which a build depends, in a fixed order.
 
     A build does not depend on modules, because they are imported from src, or on tests and pages,
-    because they are not installed. The folders of the configuration are included, because a new or
-    deleted file changes what is installed.
+    because they are not installed.
     """
-    yield from sorted(path for path in root.glob("config/*") if path.is_dir())
     for folder, folders, names in os.walk(root / "src", followlinks=True):
         place = Path(folder).relative_to(root / "src").parts
         if len(place) == 1:  # a package: without modules, tests and files that pip has built

@@ -4,30 +4,55 @@
 parameter files in this folder, which ``./omni ros-params`` has written.
 """
 
+import sys
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 from ament_index_python.packages import get_package_prefix
 from launch import LaunchContext, LaunchDescription
-from launch.actions import OpaqueFunction, RegisterEventHandler, TimerAction
+from launch.actions import (
+    DeclareLaunchArgument,
+    OpaqueFunction,
+    RegisterEventHandler,
+    TimerAction,
+)
 from launch.event_handlers import OnProcessExit
 from launch_ros.actions import Node
 
 from omni_bringup.graph.hardware import ARGUMENTS, HardwareNode, hardware_nodes, starts_again
-from omni_bringup.launching import declared, given_arguments
+from omni_platform.configuration import check_choice
 
 RESPAWN_DELAY = 1.0  # [s]
 
 
 def generate_launch_description() -> LaunchDescription:
     """Return the launch arguments and the nodes."""
-    return LaunchDescription([*declared(ARGUMENTS), OpaqueFunction(function=start)])
+    declared = [
+        DeclareLaunchArgument(name, default_value=default, description=words)
+        for name, (default, words) in ARGUMENTS.items()
+    ]
+    return LaunchDescription([*declared, OpaqueFunction(function=start)])
+
+
+def given_arguments(context: LaunchContext) -> dict[str, str]:
+    """Return the values of the launch arguments, keyed by name.
+
+    Raises:
+        ConfigurationError: the command line of this launch file has an unknown argument.
+    """
+    # A launch file that includes this one has its own arguments, which are not checked here.
+    directly = any(Path(word).name == Path(__file__).name for word in sys.argv)
+    for word in context.argv if directly else ():
+        name, assigned, _ = word.partition(":=")
+        if assigned:
+            check_choice("", name, ARGUMENTS)
+    return {name: context.launch_configurations[name] for name in ARGUMENTS}
 
 
 def start(context: LaunchContext) -> list[Any]:
     """Return the nodes that the launch arguments select, and the exit handler of each node."""
-    given = given_arguments(Path(__file__).name, ARGUMENTS, context)
+    given = given_arguments(context)
     nodes = hardware_nodes(given)
     for node in nodes:
         get_package_prefix(node.package)  # this call raises its errors before any node starts

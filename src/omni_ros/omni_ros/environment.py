@@ -18,8 +18,6 @@ from omni_platform.configuration import ConfigurationError
 PARENT_PID_VARIABLE = "OMNI_PARENT_PID"
 # File descriptor to which a node writes its reports; set by the process that reads them.
 REPORT_VARIABLE = "OMNI_REPORT_FD"
-# File to which reports are appended if the parent cannot pass on a file descriptor.
-REPORT_FILE_VARIABLE = "OMNI_REPORT_FILE"
 
 _DOMAIN_VARIABLE = "ROS_DOMAIN_ID"
 _LARGEST_DOMAIN = 232  # higher domains would require UDP ports above 65535
@@ -77,7 +75,7 @@ def node_environment(domain: int) -> dict[str, str]:
 
 
 def report(document: Mapping[str, Any]) -> None:
-    """Write a document to the file descriptor and the file that environment variables name.
+    """Write a document to the file descriptor that an environment variable names.
 
     Standard output is not used, because the DDS implementation prints its errors there.
 
@@ -85,11 +83,7 @@ def report(document: Mapping[str, Any]) -> None:
         document: values that strict JSON can represent, written as one line.
     """
     descriptor = os.environ.get(REPORT_VARIABLE)
-    file = os.environ.get(REPORT_FILE_VARIABLE)
     line = json.dumps(document, allow_nan=False).encode() + b"\n"
-    with contextlib.suppress(OSError):  # the reading process has ended
-        if descriptor is not None:
+    if descriptor is not None:
+        with contextlib.suppress(OSError):  # the reading process has ended
             os.write(int(descriptor), line)
-        if file is not None:
-            with Path(file).open("ab") as reports:
-                reports.write(line)
