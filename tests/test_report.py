@@ -17,8 +17,13 @@ from omni_process import WORKSPACE, omni_here
 from omni_bringup.cli import main
 from omni_loop.history import RunHistory
 from omni_loop.metrics import run_metrics
+from omni_platform.topics import MARKERS, WHEEL_FORCES
+from omni_recording.definitions import find_message_definition
+from omni_recording.folder import bag_messages, open_bag
+from omni_recording.metadata import RecordedQos, RecordedTopic
+from omni_recording.write import Rosbag2Writer
 from omni_tools.report.document import report_page
-from omni_tools.report.recording import ReportedRun, read_reported_run
+from omni_tools.report.recording import ReportedRun, read_reported_run, read_wheel_forces
 
 SAMPLE = WORKSPACE / "bags" / "small_stop" / "assisted"
 MARKUP = "</script><script>hit = 1</script><img src=x onerror='hit = 1'>"
@@ -309,7 +314,7 @@ def test_ten_seconds_are_small_and_open_at_once(
     assert len(report_page("Five minutes", [longer])) < 5e6
 
 
-def test_the_arrows_are_the_forces_that_move_the_vehicle(sample: ReportedRun) -> None:
+def test_the_forces_are_those_that_move_the_vehicle(sample: ReportedRun) -> None:
     # Newton: what the wheels exert together is mass times acceleration of the center of gravity.
     assert sample.forces is not None
     assert sample.configuration is not None
@@ -340,6 +345,25 @@ def test_the_arrows_are_the_forces_that_move_the_vehicle(sample: ReportedRun) ->
     braking = steady & (needed[:, 0] < -2000.0)
     assert np.count_nonzero(braking) > 5
     assert np.median(error[braking]) < 0.1 * np.median(-needed[braking, 0])
+
+
+def test_a_recording_with_arrows_only_has_the_same_forces(
+    sample: ReportedRun, tmp_path: Path
+) -> None:
+    messages = [m for m in bag_messages(open_bag(SAMPLE)) if m.channel.topic == MARKERS.path]
+    definition = find_message_definition(MARKERS.type)
+    topic = RecordedTopic(MARKERS.path, definition, RecordedQos(len(messages)))
+    with Rosbag2Writer(tmp_path / "arrows", [topic]) as writer:
+        for message in messages:
+            writer.write(MARKERS.path, message.log_ns, message.data)
+    wheels = len(sample.history.wheel_names)
+    shown = read_wheel_forces(tmp_path / "arrows", wheels)
+    recorded = read_wheel_forces(SAMPLE, wheels)
+    assert shown is not None
+    assert recorded is not None
+    assert any(m.channel.topic == WHEEL_FORCES.path for m in bag_messages(open_bag(SAMPLE)))
+    assert np.array_equal(shown.stamp_ns, recorded.stamp_ns)
+    assert shown.values == pytest.approx(recorded.values, abs=1e-6)
 
 
 def test_what_is_no_run_is_refused_in_words(

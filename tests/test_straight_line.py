@@ -139,7 +139,7 @@ def test_every_topic_is_recorded_without_loss(straight_line: FinishedRun, varian
     each_step += ["/ground_truth/odom", "/tf"]
     each_step += [f"/line_scan/{sensor}/lines" for sensor in configuration.sensors]
     assert {topic: counts[topic] for topic in each_step} == dict.fromkeys(each_step, steps)
-    assert counts["/markers"] == math.ceil(steps / 5)
+    assert counts["/markers"] == counts["/wheel_forces"] == math.ceil(steps / 5)
     assert counts["/diagnostics"] > 0
     assert counts["/line_scan/left/camera_info"] == counts["/tf_static"] == 1
     # 2500 lines a second and not one missing: line 0, then 25 in every step.

@@ -57,6 +57,8 @@ JOINT_STATES = Topic("joint_states", JOINT_STATE, "simulator")
 """Wheel angles for `robot_state_publisher`."""
 ROBOT_DESCRIPTION = Topic("robot_description", "std_msgs/msg/String", "simulator", latched=True)
 MARKERS = Topic("markers", "visualization_msgs/msg/MarkerArray", "simulator")
+WHEEL_FORCES = Topic("wheel_forces", "sensor_msgs/msg/MultiDOFJointState", "simulator")
+"""True force of the ground on each wheel, in the axes of `odom` [N]."""
 TWIST = Topic("odometry/twist", TWIST_WITH_COVARIANCE, "linescan_odometry")
 SIDESLIP = Topic("odometry/sideslip", JOINT_STATE, "linescan_odometry")
 ODOM = Topic("odom", ODOMETRY, "linescan_odometry")

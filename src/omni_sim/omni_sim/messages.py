@@ -5,9 +5,9 @@ from collections.abc import Sequence
 from functools import partial
 
 import numpy as np
-from geometry_msgs.msg import Point, Pose, TwistWithCovarianceStamped
+from geometry_msgs.msg import Point, Pose, TwistWithCovarianceStamped, Vector3, Wrench
 from nav_msgs.msg import Odometry
-from sensor_msgs.msg import Imu
+from sensor_msgs.msg import Imu, MultiDOFJointState
 from visualization_msgs.msg import Marker, MarkerArray
 
 from omni_platform import quantities, signals
@@ -25,7 +25,7 @@ _VERMILION = (0.835, 0.369, 0.0)
 _GREEN = (0.0, 0.620, 0.451)
 _SKY = (0.337, 0.706, 0.914)
 _GRAY = (0.6, 0.6, 0.6)
-_METERS_PER_NEWTON = 1e-4
+_METERS_PER_NEWTON = 1e-4  # length of an arrow
 _SECONDS_PER_ARROW = 0.1
 _ARROW_SIZE = (0.03, 0.08, 0.1)  # diameters of shaft and head, length of the head [m]
 _ARROW_HEIGHT = 0.45  # [m]
@@ -72,11 +72,26 @@ def ground_truth(observation: Observation) -> Odometry:
     return message
 
 
+def wheel_forces(wheels: Sequence[str], observation: Observation) -> MultiDOFJointState:
+    """Return a message with the true force of the ground on each wheel, in the axes of `odom`."""
+    message = stamped(MultiDOFJointState, observation.stamp_ns, WORLD_FRAME)
+    message.joint_names = list(wheels)
+    forces = observation.wheel_force_body @ _to_world(observation).T
+    message.wrench = [Wrench(force=Vector3(x=float(x), y=float(y))) for x, y in forces]
+    return message
+
+
+def _to_world(observation: Observation) -> quantities.FloatArray:
+    """Return the matrix that rotates vectors from `base_link` to `odom`, shape (2, 2)."""
+    cos, sin = math.cos(observation.pose[2]), math.sin(observation.pose[2])
+    return np.array([[cos, -sin], [sin, cos]])
+
+
 def scene_markers(configuration: SimulatorConfiguration, observation: Observation) -> MarkerArray:
     """Return markers of platform, load, wheels, wheel forces, velocity and friction patches."""
     vehicle = configuration.vehicle
     x, y, yaw = (float(value) for value in observation.pose)
-    to_world = np.array([[math.cos(yaw), -math.sin(yaw)], [math.sin(yaw), math.cos(yaw)]])
+    to_world = _to_world(observation)
     origin = np.array([x, y])
     marker = partial(_marker, observation.stamp_ns)
     size = (vehicle.chassis_length, vehicle.chassis_width, 0.2)

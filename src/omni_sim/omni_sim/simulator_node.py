@@ -32,7 +32,7 @@ from omni_ros.qos import RECENT, RELIABLE, advertise, subscribe
 from omni_sim import run_control_node, run_progress
 from omni_sim.configuration import SimulatorConfiguration
 from omni_sim.driver.manual import DemandInbox, ManualDriver, ManualDriverConfiguration
-from omni_sim.messages import flow_message, ground_truth, imu_message, scene_markers
+from omni_sim.messages import flow_message, ground_truth, imu_message, scene_markers, wheel_forces
 from omni_sim.simulator import Observation, Simulator
 
 _INPUTS = 4  # number of subscribed topics at most
@@ -114,6 +114,7 @@ class SimulatorNode(Node):
         self._truth = create(topics.GROUND_TRUTH)
         self._velocity = create(topics.VELOCITY_SENSOR)
         self._markers = create(topics.MARKERS)
+        self._forces = create(topics.WHEEL_FORCES)
         self._diagnostics = create(topics.DIAGNOSTICS)
         self._description = create(topics.ROBOT_DESCRIPTION)
         self._reported_limits: frozenset[str] = frozenset()
@@ -127,7 +128,13 @@ class SimulatorNode(Node):
         clock = self._shared_clock.publisher() if self._shared_clock else None
         # No node replies to these topics, so one subscriber less is awaited for them.
         measured = self._imu, self._velocity, self._command
-        shown = self._truth, self._markers, self._diagnostics, *(() if recorded else lines)
+        shown = (
+            self._truth,
+            self._markers,
+            self._forces,
+            self._diagnostics,
+            *(() if recorded else lines),
+        )
         self.recorded_outputs = (*((clock,) if clock else ()), *measured, *shown)
 
     def publish_descriptions(self) -> None:
@@ -180,6 +187,7 @@ class SimulatorNode(Node):
         if (stamp_ns // self.simulator.control_period_ns) % _MARKER_PERIOD == 0:
             self._joints.publish(wheels)
             self._send(self._markers, scene_markers(self.configuration, observation))
+            self._send(self._forces, wheel_forces(self._wheels, observation))
 
         simulator = self.simulator
         states = {"overload": simulator.overloaded, "tipping": simulator.tipping}

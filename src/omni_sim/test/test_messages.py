@@ -16,7 +16,7 @@ from omni_sim.configuration import (
 )
 from omni_sim.driver.scripted import ManeuverConfiguration
 from omni_sim.ground.friction import FrictionPatch
-from omni_sim.messages import ground_truth, scene_markers
+from omni_sim.messages import ground_truth, scene_markers, wheel_forces
 from omni_sim.simulator import Simulator
 from omni_sim.vehicle.configuration import VehicleConfiguration
 
@@ -57,6 +57,22 @@ def test_the_truth_survives_its_quaternion(configuration: SimulatorConfiguration
     assert (position.x, position.y, yaw) == pytest.approx(tuple(observation.pose))
     assert message.twist.twist.linear.y == observation.twist[1]
     assert (message.header.frame_id, message.child_frame_id) == ("odom", "base_link")
+
+
+def test_the_arrows_show_the_published_wheel_forces(configuration: SimulatorConfiguration) -> None:
+    simulator = Simulator(configuration)
+    for _ in range(80):  # the vehicle turns and brakes
+        simulator.advance(np.ones(4))
+    observation = simulator.observe()
+    message = wheel_forces(tuple(configuration.vehicle.wheels), observation)
+    markers = scene_markers(configuration, observation).markers
+    arrows = [marker.points for marker in markers if marker.ns == "wheel_forces"]
+    shown = [(head.x - tail.x, head.y - tail.y) for tail, head in arrows]
+    forces = np.array([(wrench.force.x, wrench.force.y) for wrench in message.wrench])
+    assert np.max(np.abs(forces)) > 500.0
+    assert forces * 1e-4 == pytest.approx(np.array(shown))
+    assert message.header.frame_id == markers[0].header.frame_id == "odom"
+    assert message.joint_names == [*configuration.vehicle.wheels]
 
 
 def test_the_scene_shows_every_wheel_load_and_patch(configuration: SimulatorConfiguration) -> None:

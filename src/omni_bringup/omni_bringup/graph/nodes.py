@@ -36,6 +36,7 @@ def recorded_topics(configuration: ExperimentConfiguration) -> dict[str, str]:
         topics.VELOCITY_SENSOR,
         topics.GROUND_TRUTH,
         topics.MARKERS,
+        topics.WHEEL_FORCES,
     ]
     found += [topics.IMU] if configuration.imu.enabled else []
     found += [topics.SIDESLIP] if configuration.odometry.sideslip else []

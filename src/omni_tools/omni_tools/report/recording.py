@@ -18,14 +18,13 @@ from omni_loop.metrics import Metric, rest_stamp, run_metrics
 from omni_loop.recorded_run import read_streams, stops_of
 from omni_platform.configuration import InputError, from_mapping
 from omni_platform.quantities import FloatArray, IntArray
-from omni_platform.topics import MARKERS, TEST_RATIOS
+from omni_platform.topics import MARKERS, TEST_RATIOS, WHEEL_FORCES
 from omni_recording import decode, folder
 from omni_recording.error import BagError
 from omni_recording.folder import read_plain_yaml
 from omni_tools.limit.bounds import limit_share
 
-_NAMESPACE = "wheel_forces"
-_METERS_PER_NEWTON = 1e-4  # scale of the simulator's arrows [m/N]
+_METERS_PER_NEWTON = 1e-4  # scale of the arrows in recordings without forces [m/N]
 
 
 class Series(NamedTuple):
@@ -49,36 +48,48 @@ class Series(NamedTuple):
 
 
 def read_wheel_forces(bag_folder: Path | str, wheels: int) -> Series | None:
-    """Read the forces of the wheels on the vehicle from the markers of a recording.
+    """Read the forces of the ground on the wheels.
+
+    Recordings of the first version contain only arrows of these forces, among their markers.
 
     Args:
         bag_folder: rosbag2 folder, or a single ``.mcap`` file.
-        wheels: number of wheels in the markers.
+        wheels: number of wheels.
 
     Returns:
         Components x and y of each wheel's force in `odom` [N], wheel by wheel in the order of the
-        recording; None if no marker shows the forces of this number of wheels.
+        recording; None if the forces of this number of wheels were not recorded.
 
     Raises:
-        BagError: the recording or a marker in it cannot be read.
+        BagError: the recording cannot be read.
     """
-    found: dict[int, list[float]] = {}
     bag = folder.open_vehicle(bag_folder)
-    for recorded, message in decode.decoded_messages(bag, (MARKERS.path,)):
-        if recorded.channel.type_name != MARKERS.type:
+    topic = WHEEL_FORCES if folder.bag_summary(bag).counts.get(WHEEL_FORCES.path) else MARKERS
+    found: dict[int, list[float]] = {}
+    for recorded, message in decode.decoded_messages(bag, (topic.path,)):
+        if recorded.channel.type_name != topic.type:
             continue
-        markers = (marker for marker in message.markers if marker.ns == _NAMESPACE)
-        arrows = [marker for marker in markers if len(marker.points) == 2]
-        if [marker.id for marker in arrows] == list(range(wheels)):
-            stamp_ns = decode.header_stamp_ns(arrows[0])
-            if stamp_ns is not None:
-                ends = [arrow.points for arrow in arrows]
-                lengths = [d for a, b in ends for d in (b.x - a.x, b.y - a.y)]
-                found[stamp_ns] = [length / _METERS_PER_NEWTON for length in lengths]
+        stamped, forces = (_wrenches if topic == WHEEL_FORCES else _arrows)(message)
+        stamp_ns = decode.header_stamp_ns(stamped)
+        if stamp_ns is not None and len(forces) == 2 * wheels:
+            found[stamp_ns] = forces
     if not found:
         return None
     stamps, values = zip(*sorted(found.items()), strict=True)
     return Series(np.array(stamps, dtype=np.int64), np.array(values, dtype=np.float64))
+
+
+def _wrenches(message: Any) -> tuple[Any, list[float]]:
+    """Return the stamped part of a message of wheel forces, and the components x and y [N]."""
+    return message, [c for wrench in message.wrench for c in (wrench.force.x, wrench.force.y)]
+
+
+def _arrows(message: Any) -> tuple[Any, list[float]]:
+    """Return the stamped part of a message of markers, and the forces that its arrows show [N]."""
+    arrows = [m.points for m in message.markers if m.ns == "wheel_forces" and len(m.points) == 2]
+    lengths = [length for a, b in arrows for length in (b.x - a.x, b.y - a.y)]
+    stamped = message.markers[0] if message.markers else None
+    return stamped, [length / _METERS_PER_NEWTON for length in lengths]
 
 
 def read_test_ratios(bag_folder: Path | str) -> Series | None:
@@ -224,7 +235,7 @@ def read_reported_run(path: Path, name: str) -> ReportedRun:
     """
     history = recorded_run.read_run(path)
     forces = read_wheel_forces(path, len(history.wheel_names))
-    notes = [] if forces else ["no markers with wheel forces were recorded"]
+    notes = [] if forces else ["no wheel forces were recorded"]
     configuration, values, problem = read_configuration(path / CONFIGURATION, history.wheel_names)
     if problem:
         notes.append(f"vehicle, ground, slips and loads are not shown: {problem}")
