@@ -46,15 +46,31 @@ def chosen_domain(environment: Mapping[str, str]) -> int | None:
 
 
 def name_log_folder(environment: MutableMapping[str, str]) -> None:
-    """Make ROS write its logs to the folder for temporary files if there is no home folder.
+    """Make ROS write its logs to a temporary folder of this user if the home folder is unusable.
 
-    Without a folder for the logs, ROS would end the process.
+    Without a folder for the logs, ROS would end the process. A folder that the user has named with
+    ROS_LOG_DIR or ROS_HOME is not changed.
 
     Args:
         environment: environment variables, changed in place.
     """
-    if not any(environment.get(name) for name in ("HOME", "ROS_HOME", "ROS_LOG_DIR")):
-        environment["ROS_LOG_DIR"] = str(Path(tempfile.gettempdir(), "ros_log"))
+    if any(environment.get(name) for name in ("ROS_HOME", "ROS_LOG_DIR")):
+        return
+    home = environment.get("HOME")
+    if home and _is_own(Path(home, ".ros", "log")):
+        return
+    # All users share the folder for temporary files.
+    folder = Path(tempfile.gettempdir(), f"ros_log_{os.getuid()}")
+    environment["ROS_LOG_DIR"] = str(folder) if _is_own(folder) else tempfile.mkdtemp("ros_log")
+
+
+def _is_own(folder: Path) -> bool:
+    """Return whether this user can write to a folder, which is created if it does not exist."""
+    try:
+        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+    except OSError:
+        return False
+    return os.access(folder, os.W_OK | os.X_OK)
 
 
 def node_environment(domain: int) -> dict[str, str]:
