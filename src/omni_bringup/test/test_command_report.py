@@ -80,6 +80,13 @@ def test_a_very_long_word_is_refused_and_not_repeated_in_full(
         assert "x" * 256 not in text
 
 
+def test_a_long_path_is_named_completely(capsys: pytest.CaptureFixture[str]) -> None:
+    path = "/".join(["nowhere", *["a folder of this project"] * 20, "vehicle.yaml"])
+    with pytest.raises(SystemExit):
+        main(["show", path.replace(" ", "_")])
+    assert "/vehicle.yaml" in capsys.readouterr().err
+
+
 def test_a_failed_write_is_a_failure_and_no_refusal(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

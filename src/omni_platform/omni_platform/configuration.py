@@ -319,12 +319,13 @@ def did_you_mean(name: str, known: Iterable[str]) -> str:
 
 
 def shortened(text: str, longest: int = 255) -> str:
-    """Return a text in which each word of more than `longest` characters is cut to 60 characters.
+    """Return a text in which each name of more than `longest` characters is cut to 60 characters.
 
-    The default of `longest` is the maximum length of a file name.
+    A name is a word, or a part of a path. The default of `longest` is the maximum length of a file
+    name.
     """
     return re.sub(
-        rf"(\S{{60}})\S{{{longest - 59},}}",
+        rf"([^\s/]{{60}})[^\s/]{{{longest - 59},}}",
         lambda word: f"{word[1]}... ({len(word[0])} characters)",
         text,
     )
