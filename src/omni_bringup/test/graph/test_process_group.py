@@ -40,7 +40,8 @@ def prefix(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def add_program(prefix: Path, name: str, body: str) -> NodeProcess:
     path = prefix / "lib/toys" / name
-    path.write_text(f"#!{sys.executable}\n{body}\n")
+    # Python reads the first lines as a string. The kernel accepts no path with spaces there.
+    path.write_text(f"#!/bin/sh\n'''exec' '{sys.executable}' \"$0\" \"$@\"\n' '''\n{body}\n")
     path.chmod(0o755)
     return NodeProcess(name, "toys", name)
 
