@@ -7,12 +7,12 @@ import contextlib
 import json
 import os
 import re
-import tempfile
 from collections.abc import Mapping, MutableMapping
 from pathlib import Path
 from typing import Any
 
 from omni_platform.configuration import ConfigurationError
+from omni_platform.user_folders import user_folder
 
 # ID of the process whose end also ends the node; set by the process that starts a graph.
 PARENT_PID_VARIABLE = "OMNI_PARENT_PID"
@@ -46,7 +46,7 @@ def chosen_domain(environment: Mapping[str, str]) -> int | None:
 
 
 def name_log_folder(environment: MutableMapping[str, str]) -> None:
-    """Make ROS write its logs to a temporary folder of this user if the home folder is unusable.
+    """Make ROS write its logs to a folder that the user can write.
 
     Without a folder for the logs, ROS would end the process. A folder that the user has named with
     ROS_LOG_DIR or ROS_HOME is not changed.
@@ -57,20 +57,8 @@ def name_log_folder(environment: MutableMapping[str, str]) -> None:
     if any(environment.get(name) for name in ("ROS_HOME", "ROS_LOG_DIR")):
         return
     home = environment.get("HOME")
-    if home and _is_own(Path(home, ".ros", "log")):
-        return
-    # All users share the folder for temporary files.
-    folder = Path(tempfile.gettempdir(), f"ros_log_{os.getuid()}")
-    environment["ROS_LOG_DIR"] = str(folder) if _is_own(folder) else tempfile.mkdtemp("ros_log")
-
-
-def _is_own(folder: Path) -> bool:
-    """Return whether this user can write to a folder, which is created if it does not exist."""
-    try:
-        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
-    except OSError:
-        return False
-    return os.access(folder, os.W_OK | os.X_OK)
+    wanted = [Path(home, ".ros", "log")] if home else []
+    environment["ROS_LOG_DIR"] = str(user_folder("ros_log", *wanted))
 
 
 def node_environment(domain: int) -> dict[str, str]:

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import os
-import stat
 import subprocess
 import sys
-import tempfile
 from pathlib import Path
 
 import pytest
@@ -15,7 +13,6 @@ from omni_ros.environment import name_log_folder
 
 PROGRAM = """
 import sys
-import tempfile
 from rclpy.node import Node
 from omni_ros.process import run_process
 sys.exit(run_process(lambda: Node("idle"), lambda node, spinner: print("ran")))
@@ -64,22 +61,6 @@ def test_without_a_usable_home_it_runs(home: str | None, monkeypatch: pytest.Mon
     if home is not None:
         monkeypatch.setenv("HOME", home)
     test_without_arguments_it_runs()
-
-
-@pytest.mark.parametrize("occupied", [False, True])
-def test_users_without_a_home_do_not_share_a_log_folder(
-    occupied: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
-    name = f"ros_log_{os.getuid()}"
-    if occupied:  # by something that another user has made
-        (tmp_path / name).touch()
-    variables: dict[str, str] = {}
-    name_log_folder(variables)
-    folder = Path(variables["ROS_LOG_DIR"])
-    assert (folder.name == name) != occupied
-    assert folder.parent == tmp_path
-    assert stat.S_IMODE(folder.stat().st_mode) == 0o700
 
 
 def test_a_log_folder_that_the_user_has_named_is_kept() -> None:

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omni_platform.configuration import to_mapping
+from omni_platform.user_folders import user_folder
 from omni_sim.texture import texture as ground
 from omni_sim.texture.picture import read_picture
 
@@ -38,13 +39,13 @@ class TextureCache:
 
     @classmethod
     def of_user(cls) -> TextureCache:
-        """Return the cache in the user's cache folder (``XDG_CACHE_HOME`` or ``~/.cache``)."""
-        base = os.environ.get("XDG_CACHE_HOME") or "~/.cache"
-        try:
-            folder = Path(base).expanduser()
-        except RuntimeError:  # the user's home folder is unknown
-            folder = Path(os.environ.get("OMNI_CACHE_DIR") or tempfile.gettempdir())
-        return cls(folder / "omni_sim" / "textures")
+        """Return the cache in the user's cache folder (``XDG_CACHE_HOME`` or ``~/.cache``).
+
+        If this folder cannot be written, the cache is in the folder of the workspace's caches.
+        """
+        bases = (os.environ.get("XDG_CACHE_HOME") or "~/.cache", os.environ.get("OMNI_CACHE_DIR"))
+        wanted = [Path(base, "omni_sim", "textures") for base in bases if base]
+        return cls(user_folder("omni_sim", *wanted))
 
     def texture(self, configuration: ground.TextureConfiguration) -> ground.GroundTexture:
         """Return a texture, from the cache if possible; a picture is read from its own file.
