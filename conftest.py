@@ -17,9 +17,11 @@ from pathlib import Path
 import hypothesis
 import pytest
 
+from omni_ros.environment import name_log_folder
 from omni_ros.start import start_lightly
 
 start_lightly()  # before tests/conftest.py imports numpy and numba
+name_log_folder(os.environ)  # for tests that use ROS in their own process
 
 ROOT = Path(__file__).parent
 SOURCES = ROOT / "src"

@@ -101,8 +101,9 @@ def load_class(
         ) from None
     found = getattr(module, class_name, None)
     if not isinstance(found, type):
-        classes = [entry for entry, value in vars(module).items() if isinstance(value, type)]
-        known = ", ".join(classes) or "none"
+        # A module that is compiled into Python has the class of its loader as `__loader__`.
+        public = {entry: one for entry, one in vars(module).items() if not entry.startswith("_")}
+        known = ", ".join(entry for entry, one in public.items() if isinstance(one, type)) or "none"
         raise ConfigurationError(
             key, f"{name!r}: {module_name} has no class {class_name!r}; it has {known}"
         )
