@@ -4,11 +4,12 @@ An experiment file lists only values that differ from the defaults. Parts are re
 ``vehicle: mecanum_forklift`` reads ``config/vehicles/mecanum_forklift.yaml``, and a vehicle refers
 to its tire in the same way. The variant is merged first, then each ``--set`` override, whose dotted
 key can address any value. If a variant or an override names another file for a part, this file is
-read first, and further values that are given for the part are merged into its content.
+read first, and further values that are given for the part are merged into its content. ``{}`` as
+the value of named entries, such as ``ground.patches={}``, removes all of them.
 """
 
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from os.path import abspath, exists, isfile
 from pathlib import Path
 from typing import Any
@@ -131,6 +132,20 @@ class ExperimentConfiguration(SimulatorConfiguration):
                 "wheels with rollers slip sideways, so no axle of this vehicle can replace a "
                 f"sensor; {', '.join(odometry.all_sensors)} must measure the twist by themselves",
             ) from None
+
+
+def _named_entries(cls: type[Configuration], prefix: str = "") -> Iterator[str]:
+    """Yield the dotted keys of a configuration's mappings of names to entries."""
+    for name, kind, _ in declared.declared_parameters(cls):
+        key = declared.join_key(prefix, name)
+        if declared.is_configuration(kind):
+            yield from _named_entries(kind, key)
+        elif declared.element_configuration(kind) is not None:
+            yield key
+
+
+# An empty mapping given for one of these keys, such as ``ground.patches={}``, removes all entries.
+_NAMED_ENTRIES = frozenset(_named_entries(ExperimentConfiguration))
 
 
 class _SensorsAlone(Configuration):
@@ -294,6 +309,8 @@ class ExperimentLibrary:
                     yaml_files.check_complete(part, _REQUIRED, path, named)
                 beside = Path(named).parent if named.endswith(".yaml") else None
                 resolved[key] = yaml_files.Part(self._resolve(part, path, beside))
+            elif value == {} and path in _NAMED_ENTRIES:
+                resolved[key] = yaml_files.Part()
             elif isinstance(value, Mapping):
                 resolved[key] = self._resolve(value, path, near)
             else:

@@ -92,9 +92,9 @@ def read_mapping(path: Path, key: str) -> dict[str, Any]:
 
 
 class Part(dict[str, Any]):
-    """Values of a part, such as a vehicle, read from a file.
+    """Values that `merge` does not add to, but puts in place of, those of the layers below.
 
-    `merge` replaces all values of a part if the layer contains a `Part`.
+    Such values are those of a part's file, such as a vehicle, and an empty set of named entries.
     """
 
 

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import itertools
 import os
+from collections.abc import Iterator, Mapping
 from pathlib import Path
+from typing import Any
 
 import pytest
 import yaml
@@ -31,6 +33,42 @@ def test_every_experiment_of_the_project_loads(library: ExperimentLibrary) -> No
     for experiment in library.names():
         for variant in library.variants(experiment):
             library.load(experiment, variant)
+
+
+def _keys(values: Mapping[str, Any], prefix: str = "") -> Iterator[str]:
+    for name, value in values.items():
+        yield f"{prefix}{name}"
+        if isinstance(value, Mapping):
+            yield from _keys(value, f"{prefix}{name}.")
+
+
+def test_no_value_of_any_experiment_may_be_null(library: ExperimentLibrary) -> None:
+    keys = {
+        key: (experiment, variant)
+        for experiment in library.names()
+        for variant in library.variants(experiment)
+        for key in _keys(to_mapping(library.load(experiment, variant)))
+    }
+    assert "maneuver.demands.forward" in keys
+    for key, names in keys.items():
+        with pytest.raises(ConfigurationError) as caught:
+            library.load(*names, [f"{key}=null"])
+        assert caught.value.key == key
+
+
+@pytest.mark.parametrize("key", ["sensors", "vehicle.wheels"])
+def test_a_vehicle_without_any_sensors_or_wheels_is_refused(
+    library: ExperimentLibrary, key: str
+) -> None:
+    with pytest.raises(ConfigurationError, match=f"{key}: .* needed|at least one"):
+        load(library, f"{key}={{}}")
+
+
+def test_an_empty_mapping_removes_all_named_entries(library: ExperimentLibrary) -> None:
+    assert library.load("ice_patch", "assisted").ground.patches
+    assert not library.load("ice_patch", "assisted", ["ground.patches={}"]).ground.patches
+    alone = library.load("ice_patch", "assisted", ["ground={patches: {}, texture: {kind: stone}}"])
+    assert (alone.ground.patches, alone.ground.texture.kind) == ({}, "stone")
 
 
 @pytest.mark.parametrize("vehicle", ["mecanum_forklift", "three_wheel_robot"])

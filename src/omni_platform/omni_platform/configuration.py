@@ -373,16 +373,14 @@ def _convert(value: Any, kind: Any, key: str) -> Any:
 
 
 def _check_value(name: str, value: Any, kind: Any, info: ParameterInfo) -> None:
-    if without_none(kind) is not kind:
-        if value is None:
-            return
-        kind = without_none(kind)
+    if value is None and type(None) in typing.get_args(kind):
+        return
+    kind = without_none(kind)
     if typing.get_origin(kind) is tuple:
         item = typing.get_args(kind)[0]
         if not isinstance(value, tuple):
-            raise ConfigurationError(
-                name, f"{_described(value)}, not a list of {_type_in_words(item)}s"
-            )
+            items = _type_in_words(item).removeprefix("a ")
+            raise ConfigurationError(name, f"{_described(value)}, not a list of {items}s")
         for index, entry in enumerate(value):
             _check_value(f"{name}[{index}]", entry, item, info)
         return
