@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import re
 import subprocess
 import sys
 from collections.abc import Iterable, Iterator
@@ -13,6 +14,7 @@ import pytest
 import yaml
 from omni_process import WORKSPACE
 
+from omni_platform.compilation import NUMBA_SERIES
 from setup import release
 
 # Keys of rosdep for what is no ROS package of the same name.
@@ -155,3 +157,15 @@ def test_colcon_test_runs_the_tests_of_the_packages(tmp_path: Path) -> None:
     suite = results if results.tag == "testsuite" else results[0]
     assert int(suite.get("tests", 0)) > 5
     assert suite.get("failures") == suite.get("errors") == "0"
+
+
+def test_every_installation_gets_the_series_of_numba_that_the_code_needs() -> None:
+    needed = re.escape(NUMBA_SERIES)
+    for file, pattern in (
+        ("src/omni_platform/setup.py", rf'"numba=={needed}\.\*"'),
+        ("src/omni_platform/package.xml", rf'version_gte="{needed}" version_lt=".*">python3-numba'),
+        ("requirements/shared.in", rf"(?m)^numba=={needed}\.\* "),
+        ("requirements/wheels.lock", rf"(?m)^numba=={needed}\.\d+ "),
+        ("requirements/sourced-ros.lock", rf"(?m)^numba=={needed}\.\d+ "),
+    ):
+        assert re.search(pattern, (WORKSPACE / file).read_text(encoding="utf-8")), file

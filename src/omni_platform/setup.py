@@ -5,4 +5,4 @@ import sys
 sys.path.insert(0, "../omni_platform")
 from ament_package import install
 
-install(requires=["llvmlite", "numba", "numpy"])
+install(requires=["llvmlite", "numba==0.68.*", "numpy"])

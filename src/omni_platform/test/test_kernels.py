@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from omni_platform.compilation import NUMBA_SERIES
 from omni_platform.kernels import njit
 from omni_platform.quantities import FloatArray
 
@@ -45,6 +46,17 @@ def test_only_who_needs_them_loads_products_of_matrices_and_transforms(tmp_path:
         [sys.executable, program], capture_output=True, text=True, check=True, timeout=120
     )
     assert result.stdout.split() == ["False", "False", "4.0", "4.0"]
+
+
+def test_another_series_of_numba_is_refused_with_the_one_that_is_needed() -> None:
+    program = "import numba; numba.__version__ = '0.99.1'; import omni_platform.kernels"
+    result = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, check=False, timeout=120
+    )
+    assert result.returncode == 1
+    last = result.stderr.splitlines()[-1]
+    assert last.startswith("ImportError: numba 0.99.1 is installed")
+    assert f"pip install 'numba=={NUMBA_SERIES}.*'" in last
 
 
 def _store(into: FloatArray, values: FloatArray) -> None:
