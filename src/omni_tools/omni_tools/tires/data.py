@@ -3,6 +3,9 @@
 The first line names the columns, in any order; other columns are ignored. The names ``load_N`` and
 ``force_N`` are also accepted, but no other units. Lines that begin with ``#`` are comments. If a
 file cannot be used, the error message states the reason and the line.
+
+A file without names of units can still have other units: a slip in per cent, a slip angle in
+degrees, a force in kN. Such values are far outside the range of tires, and are refused.
 """
 
 import csv
@@ -16,6 +19,12 @@ from omni_platform import configuration, quantities, text_files
 
 _COLUMNS = ("slip", "load", "force")
 _UNITS = {"load_n": "load", "force_n": "force"}
+_FRICTION = (0.01, 4.0)
+"""Largest force divided by the largest load [1]: wet ice has 0.02 to 0.1, tires of racing cars have
+up to 3 on abrasive belts. A wrong factor of 1000, or a load in kg on dry ground, is outside."""
+_SLIP_OF_HALF_FORCE = 0.6
+"""Limit on the slip at which the force reaches half of its maximum [1]: rubber reaches it at 0.01
+to 0.1, and soft rollers, snow and gravel below 0.5; in per cent or degrees these are 1 or more."""
 
 
 class TireDataError(configuration.InputError):
@@ -63,7 +72,35 @@ def read_tire_data(path: Path) -> TireData:
         values[k] = [_number(row, place, name, number) for name, place in places.items()]
         if values[k, 1] <= 0.0:
             raise TireDataError(f"line {number}: the load {values[k, 1]:g} N must be above 0")
-    return TireData(*np.ascontiguousarray(values.T))
+    data = TireData(*np.ascontiguousarray(values.T))
+    _check_units(data)
+    return data
+
+
+def _check_units(data: TireData) -> None:
+    """Check that the values are in the range of tires, so that no column has another unit.
+
+    Raises:
+        TireDataError: a column has another unit; the message states the value and the remedy.
+    """
+    largest = np.max(np.abs(data.force), initial=0.0)
+    if largest == 0.0:
+        return
+    friction, (least, most) = largest / np.max(data.load), _FRICTION
+    if not least <= friction <= most:
+        raise TireDataError(
+            f"the largest force is {friction:.3g} times the largest load, must be {least:g} to "
+            f"{most:g} times: give both in N"
+        )
+    ratio = np.abs(data.force) / data.load
+    # The largest ratio could be an outlier at a small load.
+    slip = np.min(np.abs(data.slip[ratio >= 0.5 * np.quantile(ratio, 0.95)]))
+    if slip > _SLIP_OF_HALF_FORCE:
+        raise TireDataError(
+            f"the force reaches half of its maximum only at a slip of {slip:.3g}, must be at most "
+            f"{_SLIP_OF_HALF_FORCE:g}: divide a slip in per cent by 100, and replace a slip angle "
+            "in degrees by its tangent"
+        )
 
 
 def _find_columns(header: list[str]) -> dict[str, int]:

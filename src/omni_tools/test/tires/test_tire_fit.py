@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from omni_loop.yaml_files import read_mapping
 from omni_platform.configuration import WorkError, from_mapping
 from omni_platform.quantities import FloatArray
 from omni_sim.tire.tire import Tire, TireConfiguration
@@ -16,6 +17,7 @@ from omni_tools.tires.fit import fit_figure, fit_tire
 
 MODELS = ("linear", "magic_formula", "tmeasy")
 LOADS = (1500.0, 3000.0, 4500.0, 6000.0)
+CONFIG = Path(__file__).resolve().parents[4] / "config"
 NOISE = 40.0  # [N]
 
 
@@ -174,6 +176,68 @@ def test_columns_may_come_in_any_order_with_others_beside_them(tmp_path: Path) -
     np.testing.assert_array_equal(data.slip, [0.02, -0.02])
     np.testing.assert_array_equal(data.load, [3000.0, 2500.0])
     np.testing.assert_array_equal(data.force, [900.0, -900.0])
+
+
+def write(path: Path, data: TireData) -> Path:
+    rows = (",".join(map(repr, map(float, row))) for row in zip(*data, strict=True))
+    path.write_text("\n".join(["slip,load,force", *rows]))
+    return path
+
+
+def curve(friction: float, stiffness: float, load: float, largest_slip: float) -> TireData:
+    """Return a Magic Formula curve at loads of a third, two thirds and all of `load` [N]."""
+    slip = np.tile(np.linspace(-largest_slip, largest_slip, 101), 3)
+    loads = np.repeat(load * np.array([1.0, 2.0, 3.0]) / 3.0, 101)
+    return TireData(slip, loads, friction * loads * np.sin(1.4 * np.arctan(stiffness * slip)))
+
+
+TIRES = {
+    "kart": curve(2.0, 15.0, 900.0, 0.4),
+    "racing car on a belt": curve(2.8, 20.0, 1500.0, 0.3),
+    "passenger car": curve(1.0, 12.0, 6000.0, 1.0),
+    "truck": curve(0.8, 8.0, 30000.0, 1.0),
+    "wet ice": curve(0.03, 25.0, 4000.0, 1.0),
+    "hard roller": curve(0.5, 60.0, 40.0, 0.1),
+    "soft roller, driven beyond its peak": curve(0.7, 3.0, 40.0, 3.0),
+    "snow": curve(0.3, 2.5, 10000.0, 1.0),
+    "small slips only": curve(1.0, 10.0, 4000.0, 0.02),
+}
+
+
+@pytest.mark.parametrize("tire", TIRES)
+def test_tires_of_all_sizes_are_read(tire: str, tmp_path: Path) -> None:
+    read = read_tire_data(write(tmp_path / "data.csv", TIRES[tire]))
+    np.testing.assert_array_equal(read.force, TIRES[tire].force)
+
+
+@pytest.mark.parametrize("file", sorted((CONFIG / "tires").glob("*.yaml")))
+def test_measurements_of_the_tires_in_config_are_read(file: Path, tmp_path: Path) -> None:
+    tire = from_mapping(TireConfiguration, read_mapping(file, "tire"))
+    loads = (0.3 * tire.largest_load, 0.7 * tire.largest_load, tire.largest_load)
+    data = measure(tire, noise=0.01 * tire.largest_load, slips=(-1.0, 1.0), loads=loads)
+    read_tire_data(write(tmp_path / "data.csv", data))
+    percent = data._replace(slip=100.0 * data.slip)
+    with pytest.raises(TireDataError, match="divide a slip in per cent by 100"):
+        read_tire_data(write(tmp_path / "data.csv", percent))
+
+
+@pytest.mark.parametrize("tire", ["kart", "passenger car", "truck", "wet ice", "snow"])
+@pytest.mark.parametrize(
+    ("column", "factor", "remedy"),
+    [
+        ("slip", 100.0, "per cent by 100"),
+        ("slip", np.degrees(1.0), "slip angle in degrees by its tangent"),
+        ("force", 1e-3, "give both in N"),
+        ("load", 1e-3, "give both in N"),
+    ],
+)
+def test_another_unit_is_refused_with_the_remedy(
+    tire: str, column: str, factor: float, remedy: str, tmp_path: Path
+) -> None:
+    data = TIRES[tire]
+    other = data._replace(**{column: factor * getattr(data, column)})
+    with pytest.raises(TireDataError, match=remedy):
+        read_tire_data(write(tmp_path / "data.csv", other))
 
 
 def test_figure_shows_every_row() -> None:
