@@ -41,7 +41,11 @@ class _Pixart(enum.IntEnum):
 
 
 _REST = 1.5
-"""Time without counts after which a chip has certainly taken an image [image periods]"""
+"""Time without counts after an image with counts, after which the chip has certainly taken another
+image [image periods]"""
+_COUNTS_IN_EVERY_IMAGE = 2
+"""Counts of one image from which on the next images have counts too, so that the counts show when
+images are taken: the ground moves by more than one count per image"""
 
 
 class _OtosStatus(enum.IntEnum):
@@ -162,10 +166,19 @@ def open_chip(configuration: FlowChipConfiguration) -> FlowChip:
 class CountingChip:
     """A PMW3901 or PAA5100JE, which counts how far the ground has moved since the last reading.
 
-    The counts change only when the chip takes an image. If the chip is read more often than it
-    takes images, all counts are therefore from one image, and are divided by the period of the
-    images. Otherwise they are divided by the time since the last reading, and the number of images
-    in this time is uncertain by one.
+    The counts change only when the chip takes an image, but an image without counts cannot be
+    observed. A reading is the mean velocity since the last reading:
+
+    - If the ground moves by a count per image or more, the counts show when images are taken. A
+      reading then ends at every image, and its counts are divided by the period of the images.
+    - If the ground is slower, most images have no counts. A reading then ends at a time that does
+      not depend on the counts, because readings that end at counts would be biased, and its counts,
+      even if they are zero, are divided by the elapsed time.
+    - If the time between two calls is longer than the period of the images, a reading ends at every
+      call, and its counts are divided by the elapsed time.
+
+    The sum of velocity times duration is therefore the distance. With the elapsed time, the number
+    of images is uncertain by one.
 
     Attributes:
         counts: sums of all counts along x and along y since the chip was opened.
@@ -186,41 +199,50 @@ class CountingChip:
         )
         self._orientation = self._register(_Pixart.ORIENTATION_REGISTER)
         self._time: float | None = None
-        self._returned = -math.inf  # time of the last returned reading
+        self._are_images_known = False
+        self._begin(-math.inf, -math.inf)
         self.counts = [0, 0]
 
-    def read(self, time: float) -> FlowSample | None:
-        """Return the mean velocity between the last images, without a yaw rate.
+    def _begin(self, time: float, due: float) -> None:
+        """Begin a reading at a time [s]; it ends at the first call at `due` [s] or later."""
+        self._began, self._due = time, due
+        self._moved = np.zeros(2, int)
+        self._images = 0  # number of calls with counts
+        self._longest = 0.0  # longest time between two calls [s]
+        self._ends_at_image = False
 
-        If the counts have been zero for the duration of `_REST` images, the velocity is zero. If
-        they have been zero for a shorter time, the result is None.
+    def read(self, time: float) -> FlowSample | None:
+        """Return the mean velocity since the last reading, without a yaw rate.
+
+        While the reading has not ended, the result is None.
         """
+        limits = self._configuration
         try:
             # A single transfer gives consistent values; the chip then counts from zero.
             burst = self._chip.spi_dev.xfer2([_Pixart.MOTION_REGISTER] + [0] * 12)
             _, motion, _, x, y, quality, *_, shutter, _ = struct.unpack(
                 "<BBBhhBBBBBB", bytes(burst)
             )
-            moved = np.array([x, y] if motion & _Pixart.MOVED else [0, 0])
-            limits, before, self._time = self._configuration, self._time, time
-            since = self._returned if before is None or not moved.any() else before
-            images = limits.image_rate * (time - since)
-            if not moved.any() and images < _REST:
-                return None
-            self._returned = time
+            before, self._time = self._time, time
+            if before is not None and time > before:
+                self._count([x, y] if motion & _Pixart.MOVED else [0, 0], time - before)
+                if time < self._due and not self._ends_at_image:
+                    return None
             product, orientation = self._register(0), self._register(_Pixart.ORIENTATION_REGISTER)
         except OSError as error:
             raise FlowChipError(f"the bus failed: {error}") from None
         if product != _Pixart.PRODUCT or orientation != self._orientation:
             raise FlowChipError("the chip was lost or has been reset")
         if before is None or time <= before:
+            self._begin(time, time + 1.0 / limits.image_rate)
             return FlowSample.unmeasured("first reading")
+        moved, longest = self._moved, self._longest
+        images = self._end_reading(time, time - before)
         if quality < limits.minimum_quality or shutter == _Pixart.DARK:
             return FlowSample.unmeasured(f"surface quality {quality}, exposure {shutter:#04x}")
         self.counts = [total + int(step) for total, step in zip(self.counts, moved, strict=True)]
-        if time - before > limits.longest_interval:
-            return FlowSample.unmeasured(f"no reading for {time - before:.2g} s")
-        images = max(images, 1.0)
+        if longest > limits.longest_interval:
+            return FlowSample.unmeasured(f"no reading for {longest:.2g} s")
         speed_of_count = limits.image_rate / (limits.counts_per_meter * images)
         velocity = moved * speed_of_count
         speed = math.hypot(*velocity)
@@ -234,6 +256,37 @@ class CountingChip:
         return FlowSample(
             np.array([*velocity, math.nan]), np.array([deviation, deviation, math.nan]), ""
         )
+
+    def _count(self, moved: list[int], interval: float) -> None:
+        """Add the counts along x and y in the time since the last call [s] to the reading."""
+        self._longest = max(self._longest, interval)
+        self._moved = self._moved + np.array(moved)
+        largest = max(map(abs, moved))
+        if largest == 0:
+            return
+        self._images += 1
+        fast = self._are_images_known or largest >= _COUNTS_IN_EVERY_IMAGE
+        period = 1.0 / self._configuration.image_rate
+        self._ends_at_image = fast and self._longest < period  # the counts are from one image
+
+    def _end_reading(self, time: float, interval: float) -> float:
+        """Return the number of images of the reading, and begin the next one.
+
+        Args:
+            time: present time [s].
+            interval: time since the last call [s].
+        """
+        period = 1.0 / self._configuration.image_rate
+        has_gap = self._longest >= period
+        self._are_images_known = self._ends_at_image
+        if self._ends_at_image:
+            images, due = float(self._images), time + _REST * period
+        else:
+            # Without a gap, the next reading ends at the call that is nearest to one period.
+            images = (time - self._began) / period
+            due = time + period - (0.0 if has_gap else 0.5 * interval)
+        self._begin(time, due)
+        return images
 
     def _register(self, address: int) -> int:
         return int(self._chip.spi_dev.xfer2([address, 0])[1])
