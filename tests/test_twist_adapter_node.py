@@ -13,6 +13,7 @@ from geometry_msgs.msg import TwistStamped, TwistWithCovarianceStamped
 from nav_msgs.msg import Odometry
 
 from omni_bringup.graph.domain import reserved_domain
+from omni_platform.signals import UNMEASURED_VARIANCE
 from omni_ros.messages import (
     planar_odometry,
     planar_twist,
@@ -69,10 +70,27 @@ def test_an_odometry_without_covariance_gets_the_one_that_is_configured() -> Non
         np.testing.assert_allclose(covariance, np.diag([0.01, 0.01, 0.04]))
         vehicle.frame = "camera_link"
         vehicle.wait(lambda: "'camera_link', not in 'base_link'" in vehicle.status)
+        assert "base_frame" in vehicle.status
         vehicle.catch_up(lambda: len(vehicle.twists))
         vehicle.twists.clear()
         vehicle.catch_up(lambda: len(vehicle.twists))
         assert not vehicle.twists
+
+
+def test_a_yaw_rate_that_is_never_set_is_passed_on_as_not_measured() -> None:
+    words = ["-p", "input_type:=odometry", "-p", "deviation:=[0.1, 0.1, 0.2]"]
+    prefix = "-p", "frame_prefix:=robot1/"
+    with (
+        reserved_domain() as domain,
+        vehicle_node(domain, "twist_adapter", *words, *prefix),
+        closing(Vehicle(domain)) as vehicle,
+    ):
+        vehicle.frame, vehicle.value = "robot1/base_link", np.array([0.5, -0.1, 0.0])
+        vehicle.wait(lambda: "angular.z has been 0 in every message" in vehicle.status)
+        vehicle.wait(lambda: vehicle.twists)
+        _, _, covariance, _ = twist_of(vehicle.twists[-1])
+        np.testing.assert_allclose(np.diag(covariance), [0.01, 0.01, UNMEASURED_VARIANCE])
+        assert vehicle.twists[-1].header.frame_id == "robot1/base_link"
 
 
 @pytest.mark.parametrize(

@@ -43,6 +43,16 @@ def prefix_frames(message: Any, prefix: str) -> None:
             part.child_frame_id = prefix + part.child_frame_id
 
 
+def frame_problem(frame: str, expected: str) -> str:
+    """Return a sentence if a twist is given in another frame than the expected one, else ''."""
+    if frame == expected:
+        return ""
+    return (
+        f"the twist is given in {frame!r}, not in {expected!r}: transform it, or, if both frames "
+        "have the same position and axes, correct the parameters base_frame and frame_prefix"
+    )
+
+
 class TransformPublisher:
     """Publishes poses on `/tf`, and the frames that are fixed to the platform on `/tf_static`.
 

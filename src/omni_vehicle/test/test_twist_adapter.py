@@ -1,0 +1,116 @@
+"""Components without a variance are completed, and never become measurements of zero."""
+
+from __future__ import annotations
+
+import math
+import re
+
+import numpy as np
+import pytest
+
+from omni_platform.configuration import ConfigurationError
+from omni_platform.signals import UNMEASURED_VARIANCE
+from omni_vehicle.twist_adapter import (
+    CompletedTwist,
+    CovarianceCompletion,
+    CovarianceConfiguration,
+)
+
+VALUE = np.array([1.2, -0.3, 0.5])
+DEVIATION = (0.1, 0.2, 0.3)
+NOTHING = np.zeros((3, 3))
+GOOD = np.array([[0.007, 4e-5, 0.0], [4e-5, 0.005, 0.0], [0.0, 0.0, 0.01]])
+
+
+def completion(**given: object) -> CovarianceCompletion:
+    return CovarianceCompletion(CovarianceConfiguration(**given))  # type: ignore[arg-type]
+
+
+def complete(covariance: np.ndarray, value: np.ndarray = VALUE, **given: object) -> CompletedTwist:
+    return completion(**given).complete(value, covariance)
+
+
+def test_a_complete_covariance_passes_unchanged() -> None:
+    for given in ({}, {"deviation": DEVIATION}):
+        twist = complete(GOOD, **given)
+        assert twist.problem == ""
+        np.testing.assert_array_equal(twist.value, VALUE)
+        np.testing.assert_array_equal(twist.covariance, GOOD)
+
+
+@pytest.mark.parametrize("unknown", [0.0, -1.0, math.nan])
+def test_the_deviation_fills_only_what_the_source_lacks(unknown: float) -> None:
+    covariance = GOOD.copy()
+    covariance[2, 2] = unknown
+    twist = complete(covariance, deviation=DEVIATION)
+    assert twist.problem == ""
+    np.testing.assert_array_equal(twist.covariance[:2, :2], GOOD[:2, :2])
+    np.testing.assert_allclose(twist.covariance[2], [0.0, 0.0, 0.09])
+    replaced = complete(covariance, deviation=DEVIATION, replace_covariance=True)
+    np.testing.assert_allclose(replaced.covariance, np.diag(np.square(DEVIATION)))
+
+
+@pytest.mark.parametrize(
+    ("row", "column", "element", "words"),
+    [
+        (0, 0, 0.0, "variance of linear.x is 0, .* parameter deviation; .* parameter unmeasured"),
+        (1, 1, -1.0, "variance of linear.y is -1, "),
+        (2, 2, math.nan, "variance of angular.z is nan, "),
+        (2, 2, math.inf, "variance of angular.z is inf, "),
+        (0, 2, 0.5, "covariance of linear.x and angular.z is 0.5, must be below 0.00836"),
+        (2, 1, math.nan, "covariance of linear.y and angular.z is nan, "),
+    ],
+)
+def test_an_element_that_cannot_be_used_is_named(
+    row: int, column: int, element: float, words: str
+) -> None:
+    covariance = GOOD.copy()
+    covariance[row, column] = element
+    twist = complete(covariance)
+    assert re.search(words, twist.problem)
+
+
+def test_a_value_that_is_not_finite_is_named_unless_it_is_declared_unmeasured() -> None:
+    value = np.array([1.2, -0.3, math.nan])
+    assert complete(GOOD, value).problem.startswith("angular.z is nan, must be finite")
+    twist = complete(GOOD, value, unmeasured=("angular.z",))
+    assert twist.problem == ""
+    np.testing.assert_array_equal(twist.value, [1.2, -0.3, 0.0])
+    np.testing.assert_array_equal(twist.covariance[:2, :2], GOOD[:2, :2])
+    np.testing.assert_array_equal(twist.covariance[2], [0.0, 0.0, UNMEASURED_VARIANCE])
+
+
+def test_a_component_that_is_never_set_is_no_measurement_of_zero() -> None:
+    source = completion(deviation=DEVIATION)
+    straight = np.array([0.5, -0.1, 0.0])
+    for _ in range(3):
+        twist = source.complete(straight, NOTHING)
+        assert (twist.problem, twist.unset) == ("", ("angular.z",))
+        np.testing.assert_allclose(np.diag(twist.covariance), [0.01, 0.04, UNMEASURED_VARIANCE])
+    # A source that has measured a yaw rate once may measure exactly 0.
+    source.complete(VALUE, NOTHING)
+    twist = source.complete(straight, NOTHING)
+    assert twist.unset == ()
+    np.testing.assert_allclose(np.diag(twist.covariance), np.square(DEVIATION))
+
+
+def test_zero_is_a_measurement_at_rest_and_if_the_source_states_its_variance() -> None:
+    at_rest = complete(NOTHING, np.zeros(3), deviation=DEVIATION)
+    assert at_rest.unset == ()
+    np.testing.assert_allclose(np.diag(at_rest.covariance), np.square(DEVIATION))
+    straight = complete(GOOD, np.array([0.5, 0.0, 0.0]), deviation=DEVIATION)
+    assert straight.unset == ()
+    np.testing.assert_array_equal(straight.covariance, GOOD)
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        ({"deviation": (0.1, 0.1)}, "deviation: must be three numbers above 0"),
+        ({"unmeasured": ("angular_z",)}, "'angular_z' is none of linear.x, linear.y, angular.z"),
+        ({"replace_covariance": True}, "needs the parameter deviation"),
+    ],
+)
+def test_invalid_parameters_are_refused(given: dict[str, object], words: str) -> None:
+    with pytest.raises(ConfigurationError, match=words):
+        completion(**given)
