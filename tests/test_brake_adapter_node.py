@@ -155,10 +155,17 @@ def test_velocity_drives_stop_along_their_ramp_when_the_emergency_stop_is_presse
         rest.node.create_subscription(DiagnosticArray, "/diagnostics", rest.diagnose, RELIABLE)
         rest.commanded, rest.speed = 0.5, (float("nan"), float("nan"))
         rest.until(3.0, -3.0)
-        rest.wait(lambda: any("no wheel speeds" in one for one in rest.problems))
+        rest.wait(lambda: any("no speed of left, right:" in one for one in rest.problems))
         rest.pressed = True
         rest.until(0.0, 0.0)
         assert any(1.0 < left < 3.0 for left, _ in rest.commands)  # from the last command on
+
+
+def test_a_wheel_without_a_speed_is_named() -> None:
+    with vehicle(False, kind="torque") as rest:
+        rest.node.create_subscription(DiagnosticArray, "/diagnostics", rest.diagnose, RELIABLE)
+        rest.speed = (1.0, float("nan"))
+        rest.wait(lambda: any("no speed of right:" in one for one in rest.problems))
 
 
 def test_proportional_brakes_follow_the_demand_of_the_pedal_and_the_shares() -> None:

@@ -12,6 +12,7 @@ from rclpy.subscription import Subscription
 
 from omni_platform.topics import Topic
 from omni_ros.messages import message_class
+from omni_ros.topic_types import watch_type
 
 # All profiles keep the newest messages and are reliable unless stated otherwise. At 100 Hz, a
 # recorder may stall for two seconds without a loss.
@@ -54,12 +55,24 @@ def subscribe(
     qos: policies.QoSProfile = RELIABLE,
     *,
     raw: bool = False,
+    type_parameter: str = "",
 ) -> Subscription:
     """Return a subscription whose quality of service can be overridden by parameters.
 
-    With `raw`, messages are received in serialized form.
+    A publisher of another message type is reported (`omni_ros.topic_types`).
+
+    Args:
+        node: node that subscribes.
+        topic: topic with its message type.
+        take: function that receives the messages.
+        qos: quality of service without an override.
+        raw: whether messages are received in serialized form.
+        type_parameter: name of the node's parameter that selects the message type; empty if none
+            does.
     """
     options, kind = QoSOverridingOptions(_OVERRIDABLE), message_class(topic.type)
-    return node.create_subscription(
+    subscription = node.create_subscription(
         kind, topic.ros_name, take, copy(qos), qos_overriding_options=options, raw=raw
     )
+    watch_type(node, subscription, topic.type, type_parameter)
+    return subscription

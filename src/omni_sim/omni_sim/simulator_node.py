@@ -82,7 +82,7 @@ class SimulatorNode(Node):
             self._inbox = DemandInbox(manual.driver_timeout, self.loop.driver == "topics")
             subscribe(self, topics.DRIVER_PEDAL, self._on_driver_pedal)
             command = topics.cmd_vel(stamped=self.loop.stamped_cmd_vel)
-            subscribe(self, command, self._on_driver_command)
+            subscribe(self, command, self._on_driver_command, type_parameter="stamped_cmd_vel")
         self.simulator = Simulator(self.configuration, driver=self.manual_driver)
         start = self.manual_driver.start_pose if self.manual_driver is not None else None
         self.control = run_control_node.RunControl(self, start, f"{self._prefix}odom")

@@ -8,6 +8,7 @@ import time
 from collections import Counter
 from collections.abc import Sequence
 from functools import partial
+from itertools import compress
 from typing import Any
 
 import numpy as np
@@ -88,7 +89,9 @@ class BrakeAdapterNode(Node):
         subscribe(self, topics.JOINT_STATES, self._on_joints, RECENT)
         drive = topics.Topic("drive_commands", _ARRAY, "user's node")
         subscribe(self, drive, self._on_drive, RECENT)
-        pedal = subscribe(self, _PEDALS[given.pedal], self._on_pedal, RECENT)
+        pedal = subscribe(
+            self, _PEDALS[given.pedal], self._on_pedal, RECENT, type_parameter="pedal"
+        )
         if "twist" not in given.pedal:  # Nav2 has several publishers of velocity commands
             guarded.append(pedal)
         if given.estop:
@@ -191,8 +194,12 @@ class BrakeAdapterNode(Node):
             problems += [f"all brakes on: {sentence}" for sentence in misconnected]
             pedal, enable = 1.0, np.ones(len(enable))
         speed = np.full(len(enable), math.nan) if self._silent("joints", timeout) else self._speed
-        if not np.all(np.isfinite(speed)) and self._configuration.kind in (TORQUE, VELOCITY):
-            problems.append("no wheel speeds: torque drives cannot brake, velocity drives do fully")
+        unknown = ~np.isfinite(speed)
+        if np.any(unknown) and self._configuration.kind in (TORQUE, VELOCITY):
+            names = ", ".join(compress(self._configuration.wheels, unknown))
+            problems.append(
+                f"no speed of {names}: a torque drive cannot brake, a velocity drive brakes fully"
+            )
         drive = np.zeros(len(enable)) if self._silent("drive", timeout) else self._drive
         if not self._silent("other drive commands", timeout):
             problems.append(f"drive_commands must contain {len(drive)} values, one for each wheel")

@@ -67,8 +67,9 @@ class CovarianceCompletion:
     """Completes the covariance of the twists of one source."""
 
     def __init__(self, configuration: CovarianceConfiguration) -> None:
-        self._configuration = configuration
+        self._replace = configuration.replace_covariance
         self._unmeasured = np.array([name in configuration.unmeasured for name in COMPONENTS])
+        self._deviation = np.array(configuration.deviation or np.zeros(3))
         self._has_moved = np.zeros(3, bool)  # whether a component has ever differed from 0
 
     def complete(self, value: FloatArray, covariance: FloatArray) -> CompletedTwist:
@@ -79,16 +80,14 @@ class CovarianceCompletion:
             covariance: covariance in the message, in the squares of the units of `value`, shape
                 (3, 3); an unknown variance is 0, negative or NaN.
         """
-        given = self._configuration
         value, covariance = value.copy(), covariance.copy()
         variance = np.diagonal(covariance)
         self._has_moved |= np.isfinite(value) & (value != 0.0)
-        replaced = np.zeros(3, bool)
-        if given.deviation:
-            replaced = ~(variance > 0.0) | given.replace_covariance
+        filled = np.square(self._deviation)
+        replaced = (filled > 0.0) & (~(variance > 0.0) | self._replace)
         unset = replaced & ~self._has_moved & ~self._unmeasured & self._has_moved.any()
+        unset &= filled < UNMEASURED_VARIANCE
         unmeasured = self._unmeasured | unset
-        filled = np.square(given.deviation) if given.deviation else np.zeros(3)
         filled = np.where(unmeasured, UNMEASURED_VARIANCE, filled)
         changed = replaced | unmeasured
         value[unmeasured] = 0.0

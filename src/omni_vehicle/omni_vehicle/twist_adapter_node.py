@@ -61,7 +61,7 @@ class TwistAdapterNode(Node):
         self._twist = advertise(self, topics.TWIST)
         # best effort is compatible with both kinds of publishers
         source = topics.Topic("input", _TYPES[configuration.input_type], "user's node")
-        subscribe(self, source, self._on_input, BEST_EFFORT)
+        subscribe(self, source, self._on_input, BEST_EFFORT, type_parameter="input_type")
         self._status = StatusReporter(self, Status(ERROR, "no twist yet"))
 
     def _on_input(self, message: Any) -> None:

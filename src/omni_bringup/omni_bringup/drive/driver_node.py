@@ -127,7 +127,7 @@ class DriverNode(Node):
         self._assist = self.create_client(SetParameters, f"{_ASSISTANT}/set_parameters")
         self.received = 0
         command = topics.cmd_vel(stamped=configuration.stamped_cmd_vel)
-        self._receive_from(command, self._on_command)
+        self._receive_from(command, self._on_command, "stamped_cmd_vel")
         self._receive_from(topics.GROUND_TRUTH, self._on_truth)
         self._receive_from(topics.PEDAL, self._on_pedal)
         self._receive_from(topics.ENABLE, partial(self._on_wheels, "enable", "effort"))
@@ -140,12 +140,14 @@ class DriverNode(Node):
         self._poses: deque[tuple[int, list[float], list[float]]] = deque(maxlen=50)
         self._pedal_down_ns: int | None = None
 
-    def _receive_from(self, topic: topics.Topic, take: Callable[[Any], None]) -> None:
+    def _receive_from(
+        self, topic: topics.Topic, take: Callable[[Any], None], type_parameter: str = ""
+    ) -> None:
         def on_message(message: Any) -> None:
             self.received += 1
             take(message)
 
-        qos.subscribe(self, topic, on_message)
+        qos.subscribe(self, topic, on_message, type_parameter=type_parameter)
 
     def publish_demand(self) -> None:
         """Publish the present demand of the driver."""
