@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import re
 import time
 from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
@@ -60,6 +61,7 @@ class Vehicle(Bystander):
         )
         self.node.create_subscription(DiagnosticArray, "/diagnostics", self._on_state, RELIABLE)
         self.stamp_ns = 0
+        self.frame = "base_link"
 
     def _on_state(self, message: DiagnosticArray) -> None:
         self.states += [v.value for v in message.status[0].values if v.key == "state"]
@@ -74,7 +76,9 @@ class Vehicle(Bystander):
         self.wait(lambda: state in self.states)
 
     def send_twist(self, values: np.ndarray, covariance: np.ndarray = GOOD) -> None:
-        self.twist.publish(planar_twist_with_covariance(self.stamp_ns, values, covariance))
+        message = planar_twist_with_covariance(self.stamp_ns, values, covariance)
+        message.header.frame_id = self.frame
+        self.twist.publish(message)
 
     def send_pedal(self, value: float) -> None:
         self.pedal.publish(joint_state(self.stamp_ns, ("brake_pedal",), position=np.array([value])))
@@ -183,6 +187,35 @@ def test_unknown_wheel_names_put_all_brakes_on(vehicle: Vehicle) -> None:
     vehicle.wait_for_state("unknown_wheel")
     vehicle.wheel_states.publish(joint_state(vehicle.stamp_ns, vehicle.wheels))
     vehicle.swerve_until_assisted()
+
+
+@pytest.mark.safety(
+    "the wrong brakes act",
+    "the twist is given in the frame of a sensor or of another vehicle",
+    "the assistant compares the frames, puts all brakes on and reports an error",
+    within="the next decision",
+)
+def test_a_twist_in_another_frame_puts_all_brakes_on(vehicle: Vehicle) -> None:
+    for frame in ("otos", "robot2/base_link"):
+        vehicle.swerve_until_assisted()
+        vehicle.frame, vehicle.texts = frame, []
+        vehicle.step_until_reported("wrong_frame", SWERVING, GOOD)
+        words = f"the twist is given in '{frame}', not in 'base_link': .* base_frame"
+        assert any(re.search(words, text) for text in vehicle.texts)
+        vehicle.frame = "base_link"
+    vehicle.swerve_until_assisted()
+    vehicle.frame = ""  # names no other frame
+    vehicle.swerve_until_assisted()
+
+
+@pytest.mark.parametrize("lockstep", [True, False])
+def test_the_frame_has_the_prefix_of_the_vehicle(lockstep: bool, tmp_path: Path) -> None:
+    prefix = "-p", "frame_prefix:=robot1/"
+    with running(WITHOUT_WHEELS, tmp_path, *prefix, lockstep=lockstep) as vehicle:
+        vehicle.frame = "robot1/base_link"
+        vehicle.swerve_until_assisted()
+        vehicle.frame = "base_link"
+        vehicle.step_until_reported("wrong_frame", SWERVING, GOOD)
 
 
 @pytest.mark.safety(

@@ -124,8 +124,8 @@ class Inputs(NamedTuple):
         now_ns: stamp of the driver's demand [ns].
         pedal: the driver's brake demand, 0 to 1; 1 if the received value is invalid.
         enabled: whether the assistant may release brakes.
-        outside: condition that was detected before the kernel is called: INVALID_DEMAND or
-            UNKNOWN_WHEEL; GOOD if no such condition was detected.
+        outside: condition that was detected before the kernel is called: INVALID_DEMAND,
+            UNKNOWN_WHEEL or WRONG_FRAME; GOOD if no such condition was detected.
         feedback: latest received twist.
         wheels: latest received wheel speeds.
         imu: latest received IMU reading.

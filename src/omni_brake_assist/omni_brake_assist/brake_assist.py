@@ -141,6 +141,16 @@ class BrakeAssist:
             self._faults[conditions.UNKNOWN_WHEEL] = fault
         return fault
 
+    def check_twist_frame(self, problem: str) -> None:
+        """Keep all brakes on while the twist is given in another frame than the vehicle's.
+
+        Args:
+            problem: sentence that names both frames; empty if the twist has the vehicle's frame.
+        """
+        self._faults.pop(conditions.WRONG_FRAME, None)
+        if problem:
+            self._faults[conditions.WRONG_FRAME] = Fault(AssistState.WRONG_FRAME, problem)
+
     def _compare_wheels(self, names: Iterable[str]) -> Fault | None:
         reported, known = Counter(names), set(self.geometry.names)
         problems = [
@@ -167,7 +177,11 @@ class BrakeAssist:
             fault = Fault(AssistState.INVALID_DEMAND, f"demand: {problem}")
             return self._all_on(conditions.INVALID_STAMP, fault)
         pedal = self._read_pedal(demand.pedal)
-        input_faults = (conditions.INVALID_DEMAND, conditions.UNKNOWN_WHEEL)
+        input_faults = (
+            conditions.INVALID_DEMAND,
+            conditions.UNKNOWN_WHEEL,
+            conditions.WRONG_FRAME,
+        )
         outside = next((c for c in input_faults if c in self._faults), GOOD)
         enabled = self.configuration.enabled
         inputs = Inputs(self._stamp_ns, pedal, enabled, outside, *self._samples(demand))

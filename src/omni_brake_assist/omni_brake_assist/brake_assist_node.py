@@ -25,6 +25,7 @@ from omni_platform import signals, topics
 from omni_platform.configuration import Configuration, ConfigurationError, parameter
 from omni_ros import messages
 from omni_ros.clocks import RunningClock
+from omni_ros.frames import FrameConfiguration, frame_problem
 from omni_ros.parameters import declare_configuration
 from omni_ros.process import Spinner, StartupConfiguration, run_process, spin_until_stopped
 from omni_ros.publisher_guard import PublisherGuard
@@ -149,6 +150,9 @@ class TimingConfiguration(Configuration):
     one arrives; 0 if every step has a sample"""
     demand_timeout: float = parameter(0.1, unit="s", above=0.0, maximum=10.0)
     """In real time, time without a pedal message after which all brakes are on"""
+    base_frame: str = parameter(messages.BASE_FRAME)
+    """Frame in which the twist must be given, after the parameter `frame_prefix`; empty for any
+    frame. A twist whose frame_id is empty counts as given in this frame"""
     feedback_warning: str = parameter("")
     """Warning about the source of the twist, written by ./omni ros-params; the node logs it at
     start-up and publishes it on /diagnostics"""
@@ -162,6 +166,8 @@ class BrakeAssistNode(Node):
         self.startup = declare_configuration(self, StartupConfiguration)
         timing = declare_configuration(self, TimingConfiguration)
         self._lockstep = timing.lockstep
+        self._prefix = declare_configuration(self, FrameConfiguration).frame_prefix
+        self._base_frame = timing.base_frame
         self._demand_timeout = timing.demand_timeout
         if timing.feedback_warning:
             self.get_logger().warning(timing.feedback_warning)
@@ -237,7 +243,13 @@ class BrakeAssistNode(Node):
 
     def _on_twist(self, message: TwistWithCovarianceStamped) -> None:
         self._twist_received = self._running.now()
-        self._take(messages.twist_of(message))
+        frame, expected = message.header.frame_id, self._prefix + self._base_frame
+        is_known = not frame or not self._base_frame
+        problem = "" if is_known else frame_problem(frame, expected)
+        self._assist.check_twist_frame(problem)
+        twist = messages.twist_of(message)
+        # A twist in another frame is no feedback, neither for the gate nor for the filters.
+        self._take(twist._replace(value=np.full(3, math.nan)) if problem else twist)
         if not self._lockstep:
             self._answer()
 

@@ -30,6 +30,7 @@ class AssistState(enum.Enum):
     INVALID_DEMAND = "invalid_demand"
     NO_DEMAND = "no_demand"
     UNKNOWN_WHEEL = "unknown_wheel"
+    WRONG_FRAME = "wrong_frame"  # the twist is given in another frame than the vehicle's
     SECOND_PUBLISHER = "second_publisher"  # two publishers on a topic that must have only one
     INTERNAL_ERROR = "internal_error"
     NO_EFFECT = "no_effect"
@@ -139,6 +140,7 @@ INVALID_DEMAND = _condition(_S.INVALID_DEMAND, ERROR)
 INVALID_STAMP = _condition(_S.INVALID_DEMAND, ERROR)
 NO_DEMAND = _condition(_S.NO_DEMAND, ERROR)
 UNKNOWN_WHEEL = _condition(_S.UNKNOWN_WHEEL, ERROR)
+WRONG_FRAME = _condition(_S.WRONG_FRAME, ERROR)
 SECOND_PUBLISHER = _condition(_S.SECOND_PUBLISHER, ERROR)
 INTERNAL_ERROR = _condition(
     _S.INTERNAL_ERROR,

@@ -122,7 +122,9 @@ def hardware_nodes(given: Mapping[str, str]) -> list[HardwareNode]:
     assistant = [BRAKE_ASSIST, *([LOG_ONLY] if given["log_only"] == "true" else [])]
     files = tuple(folder / f"{name}.yaml" for name in assistant)
     remappings = () if own else ((topics.TWIST.name, given["twist"]),)
-    nodes.append(HardwareNode("omni_brake_assist", BRAKE_ASSIST, BRAKE_ASSIST, files, remappings))
+    nodes.append(
+        HardwareNode("omni_brake_assist", BRAKE_ASSIST, BRAKE_ASSIST, files, remappings, prefix)
+    )
     if given["robot_state_publisher"] == "true":
         files = (folder / f"{FRAMES}.yaml",)
         joints = ((topics.JOINT_STATES.name, topics.WHEEL_STATES.name),)
