@@ -339,6 +339,9 @@ class ExperimentLibrary:
         else:
             path = self.folder / kind / f"{name}.yaml"
             known = self.parts(kind)
+            if not path.parent.is_dir():
+                problem = f"cannot look for {name!r}: the folder {path.parent} does not exist"
+                raise ConfigurationError(key, problem)
             if name not in known:
                 hint = did_you_mean(name, known)
                 own = ", or a folder with " + _IN_FOLDER[kind] if kind in _IN_FOLDER else ""

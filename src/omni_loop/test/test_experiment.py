@@ -71,6 +71,12 @@ def test_an_empty_mapping_removes_all_named_entries(library: ExperimentLibrary) 
     assert (alone.ground.patches, alone.ground.texture.kind) == ({}, "stone")
 
 
+def test_a_missing_folder_of_the_configuration_is_named(tmp_path: Path) -> None:
+    elsewhere = ExperimentLibrary(tmp_path / "config")
+    with pytest.raises(ConfigurationError, match=r"folder .*config/experiments does not exist"):
+        elsewhere.load("straight_line")
+
+
 @pytest.mark.parametrize("vehicle", ["mecanum_forklift", "three_wheel_robot"])
 @pytest.mark.parametrize("ground", ["cork", "asphalt", "stone"])
 def test_parts_are_chosen_by_name(library: ExperimentLibrary, vehicle: str, ground: str) -> None:
