@@ -13,6 +13,7 @@ import json
 import os
 import re
 import sys
+import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext, redirect_stdout
 from typing import Any, NoReturn
@@ -38,6 +39,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     if arguments is None:
         leave_at_once_on_signals()
     start_lightly()
+    # Commands report implausible values as notes.
+    warnings.simplefilter("ignore", configuration.ConfigurationWarning)
     try:
         code = _run(list(sys.argv[1:] if arguments is None else arguments))
         sys.stdout.flush()

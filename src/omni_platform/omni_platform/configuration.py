@@ -83,6 +83,10 @@ class ConfigurationError(InputError):
         return ConfigurationError(join_key(parent, self.key), self.problem)
 
 
+class ConfigurationWarning(UserWarning):
+    """A configuration is valid, but a value is implausible; the message contains a remedy."""
+
+
 @dataclasses.dataclass(frozen=True)
 class ParameterInfo:
     """Properties of a parameter other than its value; a bound that does not exist is None.

@@ -1,22 +1,34 @@
-"""Arrangement of a platform's rollers, and detection of a wrong roller angle.
+"""Arrangement of a platform's rollers, and detection of wrong angles of rollers and wheels.
 
 With a wrong sign of one roller angle, the platform can still move in all three degrees of freedom,
 but with wrong kinematics. The error violates symmetry: if two wheels are mirror images of each
 other, their rollers must also be mirror images. The positions need not be exact mirror images,
 because only the better of two signs is sought. Three wheels have equal roller angles.
+
+Angles in radians are nearly parallel directions if they are read as degrees, so that the wheels can
+hardly move the platform in one direction. As radians, they would be a usual arrangement.
 """
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
+import math
+from collections.abc import Mapping, Sequence
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
 
 from omni_platform import kinematics
+from omni_platform.configuration import ConfigurationError
 from omni_platform.geometry import PlatformGeometry, WheelMount
 
+# An arrangement is implausible if its smallest singular value is less than this multiple of the
+# value with all roller angles reversed, or with angles in radians [1].
+_POOR = 0.5
+# Fields of a wheel that may be in radians, with the limit on their values in radians.
+_LARGEST_RADIANS = {"roller_angle_deg": math.pi / 2.0, "heading_deg": 2.0 * math.pi}
+_IN_RADIANS = (("roller_angle_deg",), ("heading_deg",), ("roller_angle_deg", "heading_deg"))
 _MIRRORS = (np.array([1.0, -1.0]), np.array([-1.0, 1.0]))  # about the x axis, the y axis
 
 
@@ -45,15 +57,24 @@ class Rollers(NamedTuple):
         return cls(_shape(geometry), smallest, float(np.min(np.abs(matrix[:, 2]))))
 
 
-def roller_remarks(wheels: Mapping[str, WheelMount], poor: float = 0.5) -> tuple[str, ...]:
-    """Return a sentence about roller angles with implausible signs; empty if there are none.
+def roller_remarks(wheels: Mapping[str, WheelMount]) -> tuple[str, ...]:
+    """Return a sentence about angles in radians or with implausible signs; empty if none are."""
+    return _remarks(tuple(wheels.items()))
 
-    Args:
-        wheels: wheels of a platform.
-        poor: the arrangement is implausible if its smallest singular value is less than this
-            multiple of the value with all roller angles reversed [1].
-    """
+
+@lru_cache(maxsize=64)
+def _remarks(named: tuple[tuple[str, WheelMount], ...]) -> tuple[str, ...]:
+    wheels = dict(named)
     rollers = Rollers.of(wheels)
+    for fields in _IN_RADIANS:
+        value = _singular_value_in_radians(wheels, fields)
+        if rollers.smallest_singular_value < _POOR * value:
+            return (
+                f"wheels: {' and '.join(fields)} look like radians, because the wheels can hardly "
+                "move the vehicle in one of its directions (smallest singular value of the "
+                f"kinematics {rollers.smallest_singular_value:.2g}, but {value:.2g} with these "
+                "numbers in radians); enter degrees, such as 45 instead of 0.785",
+            )
     suspects = _wrong_angles(wheels)
     if suspects:
         (name, fitting), *others = suspects.items()
@@ -68,7 +89,7 @@ def roller_remarks(wheels: Mapping[str, WheelMount], poor: float = 0.5) -> tuple
         best = Rollers.of(opposite).smallest_singular_value
     except kinematics.UnusablePlatformError:
         return ()
-    if rollers.smallest_singular_value < poor * best:
+    if rollers.smallest_singular_value < _POOR * best:
         return (
             f"wheels: the lever arms of the roller axes about the center are only "
             f"{rollers.yaw_lever:.2g} m, so the wheels can hardly rotate the vehicle (seen from "
@@ -92,6 +113,29 @@ def _shape(geometry: PlatformGeometry) -> str:
     if not signs.size:
         return ""
     return "X" if np.all(signs < 0.0) else "O" if np.all(signs > 0.0) else "mixed"
+
+
+def _singular_value_in_radians(wheels: Mapping[str, WheelMount], fields: Sequence[str]) -> float:
+    """Return `Rollers.smallest_singular_value` for numbers in radians; 0 if they cannot be.
+
+    Args:
+        wheels: wheels of a platform.
+        fields: fields of the wheels whose numbers are taken as radians.
+    """
+    for field in fields:
+        largest = max(abs(getattr(mount, field)) for mount in wheels.values())
+        if not 0.0 < largest <= _LARGEST_RADIANS[field]:
+            return 0.0
+    in_degrees = {
+        name: dataclasses.replace(
+            mount, **{field: math.degrees(getattr(mount, field)) for field in fields}
+        )
+        for name, mount in wheels.items()
+    }
+    try:
+        return Rollers.of(in_degrees).smallest_singular_value
+    except ConfigurationError:
+        return 0.0
 
 
 def _wrong_angles(wheels: Mapping[str, WheelMount], step: float = 10.0) -> dict[str, float]:

@@ -24,6 +24,9 @@ COUNT_DEVIATION = 1.0 / math.sqrt(6.0)
 value has the variance 1/12."""
 
 
+_COMMON_HEADINGS = [math.radians(angle) for angle in (30, 45, 60, 90, 120, 135, 150, 180)]  # rad
+
+
 class Mount(Configuration):
     """Mounting of a ground sensor in the body frame, with the uncertainty of the calibration."""
 
@@ -96,6 +99,32 @@ class FlowSensor(Mount):
     def directions(self) -> tuple[float, ...]:
         """Directions along the axis and to the left of it in the body frame [rad]."""
         return (self.heading, self.heading + math.pi / 2.0)
+
+
+def heading_remarks(key: str, mounts: Mapping[str, Mount]) -> tuple[str, ...]:
+    """Return a sentence about mounting headings that look like radians; empty if none do.
+
+    Common headings in radians, such as 1.57, are unusual in degrees. Calibrated headings in degrees
+    may be as small, but then other headings of the same sensors are larger or not as round.
+
+    Args:
+        key: configuration key of the sensors.
+        mounts: sensors, keyed by name.
+    """
+    headings = {name: abs(mount.heading_deg) for name, mount in mounts.items() if mount.heading_deg}
+    if not headings or not all(map(_rounded_radians, headings.values())):
+        return ()
+    name = next(iter(headings))
+    heading = mounts[name].heading_deg
+    return (
+        f"{key}.{name}.heading_deg: {heading:g} deg looks like radians; "
+        f"enter {math.degrees(heading):.0f} if this is the direction of the sensor axis",
+    )
+
+
+def _rounded_radians(angle: float) -> bool:
+    """Return whether an angle is a multiple of 30 or 45 deg in radians with two decimals."""
+    return any(abs(angle - common) <= 0.5e-2 for common in _COMMON_HEADINGS)
 
 
 def sensor_matrix(sensors: Mapping[str, Mount]) -> FloatArray:

@@ -1,4 +1,4 @@
-"""A wrong sign of a roller angle is found by symmetry, without false reports."""
+"""Wrong signs of roller angles, and angles in radians, are found without false reports."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from hypothesis import strategies as st
 
 from omni_platform.configuration import from_mapping
 from omni_platform.geometry import WheelMount
-from omni_tools.vehicles.rollers import Rollers, roller_remarks
+from omni_platform.rollers import Rollers, roller_remarks
 
-CONFIG = Path(__file__).parents[4] / "config"
+CONFIG = Path(__file__).parents[3] / "config"
 FILES = sorted([*CONFIG.glob("vehicles/*.yaml"), *CONFIG.glob("hardware/*.yaml")])
 
 
@@ -117,3 +117,33 @@ def test_front_wheels_swapped_are_neither() -> None:
     wheels = wheels_of(CONFIG / "vehicles/mecanum_forklift.yaml")
     front = {name: flipped(m) if name.startswith("front") else m for name, m in wheels.items()}
     assert "roller" in roller_remarks(front)[0]
+
+
+@given(
+    st.sampled_from([path for path in FILES if "hardware" not in path.parts]),
+    st.integers(2, 4),
+    st.sampled_from(["roller_angle_deg", "heading_deg", "both"]),
+)
+def test_angles_in_radians_are_found(path: Path, digits: int, field: str) -> None:
+    wheels = wheels_of(path)
+    fields = ("roller_angle_deg", "heading_deg") if field == "both" else (field,)
+    radians = {
+        name: dataclasses.replace(
+            mount, **{one: round(np.radians(getattr(mount, one)), digits) for one in fields}
+        )
+        for name, mount in wheels.items()
+    }
+    if radians != wheels:
+        (remark,) = roller_remarks(radians)
+        assert "look like radians" in remark
+
+
+@given(st.integers(3, 8), st.floats(-1.5, 1.5))
+def test_small_angles_of_omni_wheels_on_a_circle_are_degrees(count: int, error: float) -> None:
+    wheels = {}
+    for number, angle in enumerate(np.arange(count) * 360.0 / count):
+        x, y = np.cos(np.radians(angle)), np.sin(np.radians(angle))
+        wheels[f"{number}"] = WheelMount(
+            x=0.2 * x, y=0.2 * y, heading_deg=angle - 90.0, roller_angle_deg=error
+        )
+    assert roller_remarks(wheels) == ()

@@ -11,6 +11,7 @@ settings, parameters and timeouts.
 
 import math
 import time
+import warnings
 from functools import partial
 
 import numpy as np
@@ -21,7 +22,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
 from omni_platform import topics
-from omni_platform.configuration import Configuration, parameter
+from omni_platform.configuration import Configuration, ConfigurationWarning, parameter
 from omni_platform.description import IMU_FRAME, urdf
 from omni_platform.quantities import SECOND_NS, FloatArray
 from omni_platform.sensors import Mount
@@ -83,6 +84,8 @@ class SimulatorNode(Node):
             subscribe(self, topics.DRIVER_PEDAL, self._on_driver_pedal)
             command = topics.cmd_vel(stamped=self.loop.stamped_cmd_vel)
             subscribe(self, command, self._on_driver_command, type_parameter="stamped_cmd_vel")
+        # The command that writes the parameters reports implausible values.
+        warnings.simplefilter("ignore", ConfigurationWarning)
         self.simulator = Simulator(self.configuration, driver=self.manual_driver)
         start = self.manual_driver.start_pose if self.manual_driver is not None else None
         self.control = run_control_node.RunControl(self, start, f"{self._prefix}odom")

@@ -58,8 +58,9 @@ class Options(CommandOptions):
 def run(options: Options, workspace: Workspace) -> Report:
     """Write the files, and report the loads and forces of each wheel."""
     from omni_bringup.graph.run_folder import unused
+    from omni_sim.vehicle.plausibility import plain, wheel_facts
     from omni_tools.vehicles.estimates import Measured, write_vehicle
-    from omni_tools.vehicles.plausibility import plain, remarks, wheel_facts
+    from omni_tools.vehicles.plausibility import remarks
 
     folder = unused(options.out or Path(options.name))
     answers = _answers(options)

@@ -34,19 +34,24 @@ class Options(CommandOptions):
     """also write brake_adapter.yaml, the parameters of the brake adapter, for this kind of
     brakes"""
     force: bool = option(False)
-    """write the files even if a roller angle seems to have a wrong sign"""
+    """write the files even if angles of the wheels seem to have a wrong sign or unit"""
 
 
 def run(options: Options, workspace: Workspace) -> Report:
     """Write the parameter files and the URDF."""
     from omni_bringup.graph.hardware import read_hardware, write_parameters
-    from omni_tools.vehicles.rollers import roller_remarks
+    from omni_platform.rollers import roller_remarks
+    from omni_platform.sensors import heading_remarks
 
     hardware = read_hardware(options.configuration, workspace.experiment_library())
     for remark in roller_remarks(hardware.brake_assist.wheels):
         if not options.force:
             raise ConfigurationError("", f"{remark}; --force writes the files nonetheless")
         workspace.note(remark)
+    if hardware.odometry is not None:
+        for key in ("sensors", "flow_sensors"):
+            for remark in heading_remarks(key, getattr(hardware.odometry, key)):
+                workspace.note(remark)
     warning = ""
     if options.source is not None:
         from omni_loop.experiment import short_name

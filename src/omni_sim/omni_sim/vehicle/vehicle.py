@@ -1,11 +1,13 @@
 """The simulated vehicle: masses, wheels, tires, brakes and ground."""
 
 import math
+import warnings
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from omni_platform import kinematics, quantities
+from omni_platform.configuration import ConfigurationWarning
 from omni_sim.ground.elevation import ElevationConfiguration, elevation_at
 from omni_sim.ground.friction import FrictionMap
 from omni_sim.vehicle import dynamics, loads, placing, uneven_ground
@@ -59,6 +61,8 @@ class Vehicle:
     ) -> None:
         """Build the vehicle and place it, with wheels that roll without slip.
 
+        Each of the configuration's `remarks` is a `ConfigurationWarning`.
+
         Args:
             configuration: configuration of the vehicle.
             friction: friction of the ground; by default ``mu/mu_0 = 1`` everywhere.
@@ -75,6 +79,8 @@ class Vehicle:
         """
         if not 0.0 < physics_step <= 0.01:
             raise VehicleInputError(f"physics step {physics_step} s must be in (0, 0.01] s")
+        for remark in configuration.remarks():
+            warnings.warn(remark, ConfigurationWarning, stacklevel=2)
         self.configuration = configuration
         self.kinematics = kinematics.PlatformKinematics.of(configuration.wheels)
         self.masses = configuration.masses

@@ -24,10 +24,10 @@ from omni_platform.configuration import Configuration, parameter
 from omni_platform.geometry import PlatformGeometry, cross
 from omni_platform.quantities import FloatArray
 from omni_sim.vehicle.configuration import VehicleConfiguration
+from omni_sim.vehicle.plausibility import plain
 from omni_sim.vehicle.vehicle import Vehicle
 from omni_studies.identification.figures import weighting_functions
 from omni_studies.study import StudyResult, StudyRun
-from omni_tools.vehicles.plausibility import plain
 
 _TITLES = {
     "even": "load in the middle: forces cancel",

@@ -15,8 +15,8 @@ from omni_platform.brakes import ON_OFF, VELOCITY, BrakeConfiguration
 from omni_platform.kinematics import PlatformKinematics
 from omni_platform.quantities import BoolArray, FloatArray, IntArray
 from omni_sim.vehicle.configuration import VehicleConfiguration
+from omni_sim.vehicle.plausibility import wheel_facts
 from omni_tools.commissioning.signals import Motions, Signals
-from omni_tools.vehicles.plausibility import wheel_facts
 
 
 class Tolerances(NamedTuple):

@@ -11,13 +11,9 @@ import yaml
 from omni_loop.experiment import ExperimentConfiguration, ExperimentLibrary
 from omni_platform.configuration import ConfigurationError
 from omni_platform.sensors import LineSensor
+from omni_sim.vehicle.plausibility import wheel_facts
 from omni_tools.vehicles.estimates import Measured, write_vehicle
-from omni_tools.vehicles.plausibility import (
-    RemarkingLibrary,
-    camera_speed,
-    remarks,
-    wheel_facts,
-)
+from omni_tools.vehicles.plausibility import RemarkingLibrary, camera_speed, remarks
 
 CONFIG = Path(__file__).parents[4] / "config"
 LIBRARY = ExperimentLibrary(CONFIG)
@@ -81,6 +77,10 @@ def test_numbers_of_wheels_that_are_no_pairs_are_refused(wheels: int) -> None:
         ("maneuver.speed=45", "less than 60 %"),
         ("maneuver.demands={time: [0, 1], forward: [0, 30], left: [0, 0], turn: [0, 0], "
          "pedal: [0, 0]}", "less than 60 %"),
+        ("maneuver.demands={time: [0, 1], forward: [2, 2], left: [0, 0], turn: [0, 10], "
+         "pedal: [0, 0]}", "check the units"),
+        ("maneuver.yaw_rate_deg=300", "check the units"),
+        ("flow_sensors.f={x: 0, y: 0, heading_deg: 1.571}", "looks like radians"),
     ],
 )  # fmt: skip
 def test_a_value_of_another_vehicle_is_seen(override: str, words: str, tmp_path: Path) -> None:
