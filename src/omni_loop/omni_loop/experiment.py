@@ -26,6 +26,7 @@ from omni_platform import geometry, plugins
 from omni_platform.configuration import Configuration, ConfigurationError, did_you_mean, parameter
 from omni_platform.sensors import LineSensor
 from omni_sim.configuration import SimulationConfiguration, SimulatorConfiguration
+from omni_sim.tire.tire import TireConfiguration
 from omni_sim.vehicle.configuration import VehicleConfiguration
 from omni_sim.vehicle.mujoco_vehicle import load_mujoco
 
@@ -278,6 +279,18 @@ class ExperimentLibrary:
             ConfigurationError: the name, a key or a value is invalid.
         """
         return declared.from_mapping(_SensorsAlone, self._resolve({"sensors": name})).sensors
+
+    def tire(self, name: str) -> TireConfiguration:
+        """Return a tire that is not part of a vehicle.
+
+        Args:
+            name: name of a file in ``tires/``, or a path that ends in ``.yaml``.
+
+        Raises:
+            ConfigurationError: the name, a key or a value is invalid.
+        """
+        values = self._resolve({"vehicle": {"tire": name}})["vehicle"]["tire"]
+        return declared.from_mapping(TireConfiguration, values, "tire")
 
     def camera(self, name: str) -> LineSensor:
         """Return the first of the line cameras that `sensors` returns."""

@@ -84,10 +84,15 @@ def _text(
 def _use(vehicle: str, placement: Path) -> str:
     """Return a sentence with the command that runs a vehicle with a placement of its sensors.
 
-    The command names the vehicle, because the placement is valid only for this vehicle.
+    The command names the vehicle, because the placement is valid only for this vehicle. If there is
+    an experiment in the folder of the vehicle, its speed suits the vehicle.
     """
-    if vehicle.endswith(".yaml"):
-        vehicle = str(Path(vehicle).resolve())
-    parts = (f"vehicle={vehicle}", f"sensors={placement}")
-    command = shlex.join(("./omni", "run", *(word for part in parts for word in ("--set", part))))
+    file = Path(vehicle).resolve()
+    folder = file.parent if vehicle.endswith(".yaml") else file
+    words = ["./omni", "run"]
+    if (folder / "experiment.yaml").is_file():
+        words.append(str(folder / "experiment.yaml"))
+    else:
+        words += ["--set", f"vehicle={file if vehicle.endswith('.yaml') else vehicle}"]
+    command = shlex.join([*words, "--set", f"sensors={placement}"])
     return f"use it: {command}, or copy it into config/sensors"

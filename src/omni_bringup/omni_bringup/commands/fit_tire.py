@@ -6,6 +6,7 @@ use, and a figure that compares the data with the curve.
 
 from __future__ import annotations
 
+import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -59,7 +60,10 @@ def run(options: Options, workspace: Workspace) -> Report:
             f"{data.slip.size} rows, differences of {fit.residual:.3g} N",
         ),
         files=(tire, save_figure(figure, folder.resolve() / f"{name}.png")),
-        hints=(f"use it: ./omni run --set vehicle.tire={tire}, or copy it into config/tires",),
+        hints=(
+            f"draw it: {shlex.join(('./omni', 'show', str(tire), '--kind', 'tires'))}",
+            f"use it: write tire: {tire} in the file of a vehicle",
+        ),
         summary=folder,
     )
 

@@ -123,11 +123,11 @@ def _shown(kind: str, name: str, library: ExperimentLibrary) -> tuple[dict[str, 
     if kind == "vehicles":
         vehicle = library.vehicle(name)
         return drawings.vehicle_in_words(vehicle), drawings.draw_vehicle(vehicle)
-    base = "straight_line"
     if kind == "tires":
-        tire = library.load(base, overrides=[f"vehicle.tire={name}"]).vehicle.tire
+        tire = library.tire(name)
         return drawings.tire_in_words(tire), drawings.draw_tire(tire, Path(name).stem)
     if kind == "grounds":
+        base = "straight_line"
         ground = library.load(base, overrides=[f"ground={name}"]).ground
         if ground.texture.kind != "picture":  # full resolution takes long and no screen shows it
             coarse = [f"ground={name}", "ground.texture.dpi=300"]

@@ -16,6 +16,7 @@ from omni_loop.loop import run_closed_loop
 from omni_tools.placement import design as sensor_design
 from omni_tools.placement import figure as placement_figure
 from omni_tools.placement.sensor_error import SensorError, SensorTrial
+from omni_tools.vehicles.estimates import Measured, write_vehicle
 
 CONFIG = Path(__file__).parents[4] / "config"
 # A low line rate makes the test fast.
@@ -95,6 +96,27 @@ def test_the_printed_command_runs_the_places_under_their_vehicle(
     assert configuration.vehicle == library.vehicle("three_wheel_robot")
     assert configuration.vehicle != library.load("straight_line", "assisted").vehicle
     assert configuration.sensors == library.sensors(str(tmp_path / "out" / "sensors.yaml"))
+
+
+@pytest.mark.usefixtures("quick")
+@pytest.mark.parametrize("given", ["my robot", "my robot/vehicle.yaml"])
+def test_the_printed_command_runs_the_stop_of_an_own_vehicle(
+    given: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    own = Measured(length=0.58, width=0.38, mass=30.0, wheel_radius=0.05)
+    write_vehicle("my robot", own, tmp_path / "my robot")
+    assert omni("--vehicle", given, *COARSE, "--out", tmp_path / "out") == 0
+    printed = capsys.readouterr().out.splitlines()[-1]
+    command = printed.removeprefix("use it: ").removesuffix(", or copy it into config/sensors")
+    _, _, experiment, _, placement = shlex.split(command)
+    monkeypatch.chdir("/")
+    library = ExperimentLibrary(CONFIG)
+    configuration = library.load(experiment, "assisted", [placement])
+    assert configuration.vehicle == library.vehicle(str(tmp_path / "my robot/vehicle.yaml"))
+    assert configuration.sensors == library.sensors(str(tmp_path / "out" / "sensors.yaml"))
+    # This stop is a few lengths of the vehicle long, and not that of a forklift.
+    assert configuration.maneuver.speed**2 / (2.0 * 9.81) < 5.0 * own.length
 
 
 @pytest.mark.usefixtures("quick")

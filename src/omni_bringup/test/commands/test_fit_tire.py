@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import json
+import shlex
 import subprocess
 import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 
 from omni_bringup.cli import main
 from omni_loop.experiment import ExperimentLibrary
@@ -17,16 +19,21 @@ from omni_sim.tire.tire import Tire, TireConfiguration
 CONFIG = Path(__file__).parents[4] / "config"
 
 
-@pytest.fixture
-def measurements(tmp_path: Path) -> Path:
+def measured(path: Path, scale: float = 1.0) -> Path:
+    """Write noisy forces of the tire of Table 1, with loads and forces times `scale`."""
     random = np.random.default_rng(7)
     slip = random.uniform(-0.8, 0.8, 300)
     load = random.choice([2000.0, 3500.0, 5000.0], 300)
     force = Tire(TireConfiguration()).force(slip, load) + random.normal(0.0, 30.0, 300)
-    path = tmp_path / "rig.csv"
+    load, force = scale * load, scale * force
     rows = (f"{s:.6f},{fz:g},{f:.3f}" for s, fz, f in zip(slip, load, force, strict=True))
     path.write_text("slip,load,force\n" + "\n".join(rows) + "\n")
     return path
+
+
+@pytest.fixture
+def measurements(tmp_path: Path) -> Path:
+    return measured(tmp_path / "rig.csv")
 
 
 def omni(*arguments: object) -> int:
@@ -51,6 +58,28 @@ def test_fitted_tire_is_one_that_a_vehicle_can_use(
     assert float(Tire(tire).force(0.6, 3500.0)) == pytest.approx(
         float(Tire(TireConfiguration()).force(0.6, 3500.0)), rel=0.1
     )
+
+
+@pytest.mark.parametrize("scale", [0.003, 1.0, 10.0])
+def test_the_printed_commands_work_with_a_tire_for_any_load(
+    scale: float, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    data = measured(tmp_path / "my tire.csv", scale)
+    assert omni(data, "--wheel-radius", 0.05 if scale < 1.0 else 0.2, "--out", tmp_path) == 0
+    *_, draw, use = capsys.readouterr().out.splitlines()
+    program, *command = shlex.split(draw.removeprefix("draw it: "))
+    assert program == "./omni"
+    with pytest.raises(SystemExit) as ended:
+        main([*command, "--out", str(tmp_path / "tire.png")])
+    assert ended.value.code == 0
+    vehicle = yaml.safe_load((CONFIG / "vehicles" / "mecanum_forklift.yaml").read_text())
+    vehicle["body"]["mass"] *= scale
+    line = use.removeprefix("use it: write ").removesuffix(" in the file of a vehicle")
+    path = tmp_path / "vehicle.yaml"
+    path.write_text(
+        yaml.safe_dump(vehicle | {"load": {"mass": 0.0, "height": 0.0}} | yaml.safe_load(line))
+    )
+    assert ExperimentLibrary(CONFIG).vehicle(str(path)).tire.largest_load == 5000.0 * scale
 
 
 def test_json_is_one_document_with_values_units_and_errors(
