@@ -3,7 +3,8 @@
 A page may link to a module, a configuration or the README of a package. The site contains these
 files below ``source/``, READMEs as pages and all others as text, so that it can be read without
 the workspace. Besides the links that pages have, the first use of each term on a page links to the
-glossary; a warning names the terms to which no page links.
+glossary; a warning names the terms to which no page links. The tables of the programming interface
+become docstrings.
 """
 
 from __future__ import annotations
@@ -24,8 +25,9 @@ _ROOT = Path(__file__).resolve().parent.parent
 _LINK = re.compile(r"\[([^\]\[]*)\]\(([^)\s#]+)((?:#[^)\s]*)?)\)")
 _SOURCE = "source"
 _PICTURES = (".png", ".svg", ".jpg")
-_GLOSSARY = "glossary.md"
-_LISTS = ("index.md", "options.md", "parameters.md", "api.md", "dissertation.md")  # no prose
+_GLOSSARY, _INTERFACE = "glossary.md", "api.md"
+_ROW = re.compile(r"^\|(?: \[`([\w.]+)`\])?.*$", re.M)  # may name an object of Python
+_LISTS = ("index.md", "options.md", "parameters.md", _INTERFACE, "dissertation.md")  # no prose
 _linked_terms: set[str] = set()  # anchors of the terms to which a page links
 
 
@@ -76,6 +78,8 @@ def on_page_markdown(markdown: str, page: Any, config: Any, files: Files) -> str
     del config, files
     _linked_terms.update(re.findall(r"glossary\.md#([\w-]+)", markdown))
     uri = page.file.src_uri
+    if uri == _INTERFACE:
+        markdown = _ROW.sub(lambda row: f"::: {row[1]}\n" if row[1] else "", markdown)
     place = _ROOT / (uri.removeprefix(f"{_SOURCE}/") if uri.startswith(_SOURCE) else f"docs/{uri}")
 
     def pointed(match: re.Match[str]) -> str:
