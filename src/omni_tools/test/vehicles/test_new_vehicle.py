@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import dataclasses
 from pathlib import Path
 
 import numpy as np
 import pytest
 import yaml
 
-from omni_loop.experiment import ExperimentConfiguration, ExperimentLibrary
+from omni_loop.compiled import run_fast_loop
+from omni_loop.experiment import WITHOUT_CAMERAS, ExperimentConfiguration, ExperimentLibrary
+from omni_platform.brakes import ON_OFF, TYPICAL
 from omni_platform.configuration import ConfigurationError
 from omni_platform.sensors import LineSensor
 from omni_sim.vehicle.plausibility import wheel_facts
@@ -22,6 +25,7 @@ SMALL = Measured(length=0.58, width=0.38, mass=30.0, wheel_radius=0.05)
 VEHICLES = {
     "small": SMALL,
     "forklift": Measured(length=1.6, width=1.2, mass=1000.0, wheel_radius=0.2, load=250.0),
+    "cart": Measured(length=0.7, width=0.5, mass=60.0, wheel_radius=0.0762, load=20.0),
     "heavy": Measured(length=4.0, width=2.0, mass=6000.0, wheel_radius=0.25, wheels=8),
     "round": Measured(length=0.5, width=0.5, mass=25.0, wheel_radius=0.06, kind="omni", wheels=3),
     "square": Measured(
@@ -54,6 +58,21 @@ def test_estimates_fit_together(name: str, tmp_path: Path) -> None:
     # Every wheel is under the chassis.
     for mount in experiment.vehicle.wheels.values():
         assert np.hypot(mount.x, mount.y) < 0.5 * np.hypot(measured.length, measured.width)
+
+
+@pytest.mark.parametrize("brakes", [kind for kind in TYPICAL if kind != ON_OFF])
+@pytest.mark.parametrize("name", ["forklift", "cart"])
+def test_the_written_law_stops_such_brakes_sooner_than_the_law_for_fast_valves(
+    name: str, brakes: str, tmp_path: Path
+) -> None:
+    write_vehicle(name, dataclasses.replace(VEHICLES[name], brakes=brakes), tmp_path)
+    written, other = (
+        run_fast_loop(LIBRARY.load(str(tmp_path), "assisted", (*WITHOUT_CAMERAS, *changes)))
+        for changes in ((), ("brake_assist.law=sliding_mode",))
+    )
+    assert written.stopping_distance < other.stopping_distance
+    unassisted = run_fast_loop(LIBRARY.load(str(tmp_path), "unassisted", WITHOUT_CAMERAS))
+    assert written.orientation_change < max(0.5 * unassisted.orientation_change, 1.0)
 
 
 @pytest.mark.parametrize("wheels", [3, 5])
