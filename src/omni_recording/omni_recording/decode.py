@@ -17,6 +17,11 @@ from omni_recording.mcap import RecordedChannel, RecordedMessage
 
 _ENCODING = "cdr"
 
+# Encapsulation of a message: two bytes for the format, here plain CDR, and two unused bytes.
+_BIG_ENDIAN, _LITTLE_ENDIAN = b"\0\0", b"\0\1"
+_ENCAPSULATION_SIZE = 4  # [B]
+_UNIT = 4  # a serialized message is padded to a multiple of this size [B]
+
 
 class DecodeError(ValueError):
     """A message or topic cannot be decoded; the text states the reason."""
@@ -42,6 +47,9 @@ class MessageDecoder:
     def decode(self, message: RecordedMessage) -> Any:
         """Return a message as an object with the fields of its type.
 
+        Bytes after the message are ignored, as in ROS: `rmw_serialize` returns a buffer of the
+        estimated size, and the estimate contains the alignment of the elements of empty arrays.
+
         Raises:
             DecodeError: the bytes are not a message of the channel's type.
         """
@@ -51,10 +59,24 @@ class MessageDecoder:
             raise DecodeError(problem)
         # The generated code may raise any exception on invalid bytes.
         try:
-            return self._store.deserialize_cdr(message.data, name)
+            return self._deserialized(message.data, name)
         except Exception as error:
             words = " ".join(str(error).split())[:200]
             raise DecodeError(f"its bytes are not a {name} ({words})") from None
+
+    def _deserialized(self, data: bytes, name: str) -> Any:
+        if data[:2] not in (_BIG_ENDIAN, _LITTLE_ENDIAN):
+            raise ValueError("it does not begin as plain CDR")
+        kind: Any = self._store.get_msgdef(name)
+        little = data[:2] == _LITTLE_ENDIAN
+        deserialize = kind.deserialize_cdr_le if little else kind.deserialize_cdr_be
+        content = data[_ENCAPSULATION_SIZE:]
+        message, size = deserialize(content, 0, kind.cls, self._store)
+        # The length field of an empty array has 4 bytes, and aligning its elements takes at most 4
+        # further bytes. So the estimated size is at most twice the size of the message.
+        if len(content) >= 2 * size + _UNIT:
+            raise ValueError(f"{len(content) - size} bytes follow a message of {size} bytes")
+        return message
 
     def is_known(self, type_name: str) -> bool:
         """Return whether a type belongs to ROS 2 Jazzy."""

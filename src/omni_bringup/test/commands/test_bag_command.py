@@ -206,6 +206,19 @@ def test_json_is_one_document(tmp_path: Path, capsys: pytest.CaptureFixture[str]
     assert documents["export"]["metrics"]["rows./clock"]["value"] == 10
 
 
+def test_an_export_that_omits_a_topic_names_it_and_fails(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path, folder = tmp_path / "run", tmp_path / "tables"
+    other = RecordedTopic("/other", TOPICS[0].definition, TOPICS[0].qos)
+    with Rosbag2Writer(path, (*TOPICS, other)) as writer:
+        writer.write(CLOCK, 0, clock(0))
+        writer.write("/other", 0, clock(0)[:-1])
+    assert command("export", path, "--out", folder) == 1
+    assert "left out /other: its bytes are not" in capsys.readouterr().err
+    assert (folder / "clock.csv").exists()
+
+
 def test_words_of_a_recording_do_not_steer_the_terminal(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -215,8 +228,8 @@ def test_words_of_a_recording_do_not_steer_the_terminal(
     )
     writer.write(evil, 0, clock(0))
     writer.close()
-    for action in ("info", "check", "export"):
-        assert command(action, tmp_path / "run") == 0
+    for action, code in (("info", 0), ("check", 0), ("export", 1)):
+        assert command(action, tmp_path / "run") == code
         words = capsys.readouterr()
         assert "\x1b" not in words.out + words.err
         assert "\x07" not in words.out + words.err

@@ -32,11 +32,14 @@ class BagExport:
         files: path of each file, keyed by topic.
         rows: number of rows in each file, keyed by topic.
         skipped: reason why a topic has no file, keyed by topic.
+        failed: the skipped topics whose messages a table could represent, and those that were
+            explicitly chosen.
     """
 
     files: Mapping[str, Path]
     rows: Mapping[str, int]
     skipped: Mapping[str, str]
+    failed: Collection[str]
 
 
 def export_bag(
@@ -93,7 +96,8 @@ def export_bag(
                     rows[topic] += 1
     except OSError as error:
         raise WorkError(f"cannot write to {folder}: {error.strerror or error}") from None
-    return BagExport(files, rows, layouts.skipped)
+    failed = layouts.skipped.keys() - (layouts.too_wide - set(topics))
+    return BagExport(files, rows, layouts.skipped, failed)
 
 
 class _Layouts:
@@ -103,6 +107,7 @@ class _Layouts:
         self._decoder = decoder
         self.columns: dict[str, dict[str, str]] = {}  # kind of each column, by topic
         self.skipped: dict[str, str] = {}
+        self.too_wide: set[str] = set()
         kinds: dict[str, str] = {}
         for channel in channels:
             problem = decoder.problem(channel)
@@ -129,8 +134,11 @@ class _Layouts:
                 columns.setdefault(name, kind)
             if len(columns) > LIMITS.columns + 1:
                 raise TooWideError(f"its messages need more than {LIMITS.columns} columns")
-        except (TooWideError, DecodeError) as error:
+        except DecodeError as error:
             self._skip(topic, str(error))
+        except TooWideError as error:
+            self._skip(topic, str(error))
+            self.too_wide.add(topic)
 
     def _skip(self, topic: str, why: str) -> None:
         self.skipped[topic] = why

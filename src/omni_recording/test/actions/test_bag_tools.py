@@ -93,6 +93,16 @@ def test_only_the_topics_that_are_asked_for_are_exported(bag: Path, tmp_path: Pa
         export_bag(bag, tmp_path / "a")
 
 
+def test_a_topic_that_should_have_a_table_is_named_as_failed(bag: Path, tmp_path: Path) -> None:
+    images = "/line_scan/front/lines"
+    whole = export_bag(bag, tmp_path / "whole")
+    assert (set(whole.skipped), set(whole.failed)) == ({images}, set())
+    chosen = export_bag(bag, tmp_path / "chosen", topics=[images])
+    assert set(chosen.failed) == {images}
+    path = mcap(tmp_path / "a.mcap", described(), message(b"\0\1\0\0"))
+    assert set(export_bag(path, tmp_path / "damaged").failed) == {"/wheel_states"}
+
+
 def test_a_folder_that_cannot_be_written_is_a_failure_and_no_refusal(
     bag: Path, tmp_path: Path
 ) -> None:

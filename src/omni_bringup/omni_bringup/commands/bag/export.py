@@ -1,7 +1,8 @@
 """``./omni bag export``: write topics as CSV or Parquet tables.
 
 Write one table for each topic whose messages have at most 256 values, with times in nanoseconds,
-all other quantities in SI units, and one column for each joint. Images are omitted.
+all other quantities in SI units, and one column for each joint. Images are omitted. The exit code
+is 1 if any other topic, or a topic chosen with ``--topic``, is left out.
 """
 
 from pathlib import Path
@@ -31,17 +32,20 @@ def run(options: Options, _workspace: Workspace) -> Report:
 
     folder = options.out or beside(options.bag, "exported")
     result = export_bag(options.bag, folder, options.format, options.topic)
+    skipped = {
+        topic: f"left out {printable(topic)}: {printable(why)}"
+        for topic, why in result.skipped.items()
+    }
     return Report(
         metrics=entries({f"rows.{topic}": (float(n), "1") for topic, n in result.rows.items()}),
         details={
             "files": {topic: str(file) for topic, file in result.files.items()},
             "skipped": result.skipped,
+            "failed": sorted(result.failed),
         },
         text=(
             *(f"wrote {file}: {result.rows[topic]} rows" for topic, file in result.files.items()),
-            *(
-                f"left out {printable(topic)}: {printable(why)}"
-                for topic, why in result.skipped.items()
-            ),
+            *(line for topic, line in skipped.items() if topic not in result.failed),
         ),
+        problems=[skipped[topic] for topic in sorted(result.failed)],
     )
