@@ -182,7 +182,7 @@ def bag_summary(bag: Bag) -> mcap.McapSummary:
 def file_problem(folder: Path, file: Path, error: mcap.McapError | OSError) -> BagError:
     """Convert an error in one file to a `BagError` about the recording."""
     if isinstance(error, mcap.McapError):
-        hint = "; `omni bag recover` keeps the complete messages" if error.unfinished else ""
+        hint = "; `omni bag recover` keeps the complete messages" if error.recoverable else ""
         return BagError(folder, f"{file.name} {error.problem}{hint}")
     return BagError(folder, f"{file.name} cannot be read: {error.strerror or error}")
 

@@ -12,6 +12,7 @@ from __future__ import annotations
 import dataclasses
 import struct
 import zlib
+from collections import Counter
 from collections.abc import Callable, Iterator
 from io import BytesIO
 from pathlib import Path
@@ -30,6 +31,14 @@ MAGIC = b"\x89MCAP0\r\n"
 _HEAD = struct.Struct("<BQ")
 _FOOTER_SIZE = _HEAD.size + 20 + len(MAGIC)
 _MESSAGE_HEAD = struct.Struct("<HIQQ")
+_CHANNEL_SIZE = 2  # number of the channel, at the beginning of a message [B]
+_INDEX_HEAD = struct.Struct("<HI")  # number of the channel, and total size of the entries [B]
+_INDEX_ENTRY_SIZE = 16  # log time and place of a message [B]
+
+
+def is_possible(time_ns: int) -> bool:
+    """Return whether a ROS stamp, which has 31 bits for the seconds, can represent a time [ns]."""
+    return time_ns >> 31 < SECOND_NS
 
 
 class McapError(ValueError):
@@ -37,14 +46,14 @@ class McapError(ValueError):
 
     Attributes:
         problem: the defect of the file.
-        unfinished: whether the file is valid but incomplete, for example because the recorder was
-            killed.
+        recoverable: whether other messages of the file can be recovered, because it is incomplete,
+            for example since the recorder was killed, or because a single message is invalid.
     """
 
-    def __init__(self, problem: str, *, unfinished: bool = False) -> None:
+    def __init__(self, problem: str, *, recoverable: bool = False) -> None:
         super().__init__(problem)
         self.problem = problem
-        self.unfinished = unfinished
+        self.recoverable = recoverable
 
 
 @dataclasses.dataclass(frozen=True)
@@ -113,9 +122,17 @@ class McapMessages:
 
     Args:
         path: a regular file.
-        on_damage: function that is called with the problem of a chunk that cannot be unpacked; this
-            chunk is omitted. None to raise the error instead.
+        on_damage: function that is called with the problem of a chunk that cannot be unpacked, or
+            of a complete record of a message; this chunk or message is omitted. None to raise the
+            error instead.
         namespace: namespace that is removed from the topics.
+
+    Attributes:
+        profile: profile of the file, such as ``ros2``.
+        compressions: compression methods of the chunks read so far.
+        chunks: number of chunks read so far.
+        lost: number of omitted messages, keyed by topic (an empty text if it is unknown); messages
+            of an omitted chunk are counted if the file contains their index.
     """
 
     def __init__(
@@ -127,6 +144,9 @@ class McapMessages:
         self.profile = ""
         self.compressions: set[str] = set()
         self.chunks = 0
+        self.lost: Counter[str] = Counter()
+        self._seen: Counter[int] = Counter()  # messages of this chunk, by number of the channel
+        self._damaged = False
 
     @property
     def channels(self) -> tuple[RecordedChannel, ...]:
@@ -145,16 +165,50 @@ class McapMessages:
                 if opcode == Opcode.HEADER:
                     self.profile = _parsed(records.Header, content).profile
                 elif opcode == Opcode.CHUNK:
+                    self._damaged = False
+                    self._seen.clear()
                     try:
                         yield from self._chunk(content)
                     except McapError as error:
-                        if self._on_damage is None:
-                            raise
-                        self._on_damage(error.problem)
+                        self._damaged = True
+                        self._omit(error)
                 elif opcode == Opcode.MESSAGE:
-                    yield self._tables.message(content)
+                    yield from self._message(content)
+                elif opcode == Opcode.MESSAGE_INDEX:
+                    self._add_index(content)
                 else:
                     self._tables.add(opcode, content)
+
+    def _omit(self, error: McapError) -> None:
+        if self._on_damage is None:
+            raise error
+        self._on_damage(error.problem)
+
+    def _message(self, content: bytes) -> Iterator[RecordedMessage]:
+        number = int.from_bytes(content[:_CHANNEL_SIZE], "little")
+        self._seen[number] += 1
+        try:
+            message = self._tables.message(content)
+        except McapError as error:
+            # The record is complete, so the next record can be read.
+            self._lose(number, 1)
+            self._omit(error)
+        else:
+            yield message
+
+    def _add_index(self, content: bytes) -> None:
+        """Read how many messages of a channel the chunk before this index contains."""
+        if len(content) < _INDEX_HEAD.size:
+            return  # other readers skip the index, too
+        number, size = _INDEX_HEAD.unpack_from(content)
+        entries = min(size, len(content) - _INDEX_HEAD.size) // _INDEX_ENTRY_SIZE
+        if self._damaged:
+            self._lose(number, entries - self._seen[number])
+
+    def _lose(self, number: int, count: int) -> None:
+        channel = self._tables.channels.get(number)
+        if count > 0:
+            self.lost[channel.topic if channel else ""] += count
 
     def _chunk(self, content: bytes) -> Iterator[RecordedMessage]:
         chunk = _parsed(records.Chunk, content)
@@ -163,7 +217,7 @@ class McapMessages:
         raw = _unpacked(chunk)
         for opcode, part in _chunk_records(raw):
             if opcode == Opcode.MESSAGE:
-                yield self._tables.message(part)
+                yield from self._message(part)
             else:
                 self._tables.add(opcode, part)
 
@@ -186,7 +240,7 @@ def read_summary(path: Path, namespace: str = "") -> McapSummary | None:
         file.seek(max(end, 0))
         tail = file.read(_FOOTER_SIZE)
         if end < len(MAGIC) or not tail.endswith(MAGIC):
-            raise McapError("is truncated, its recording was not finished", unfinished=True)
+            raise McapError("is truncated, its recording was not finished", recoverable=True)
         opcode, length = _HEAD.unpack_from(tail)
         if opcode != Opcode.FOOTER or length != _FOOTER_SIZE - _HEAD.size - len(MAGIC):
             raise McapError("is damaged: its footer is not at its end")
@@ -226,7 +280,10 @@ def _summary(entries: Iterator[tuple[int, bytes]], tables: _Tables) -> McapSumma
 
 
 _DATA_RECORDS = frozenset(
-    {Opcode.HEADER, Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE, Opcode.CHUNK}
+    {
+        *(Opcode.HEADER, Opcode.SCHEMA, Opcode.CHANNEL),
+        *(Opcode.MESSAGE, Opcode.CHUNK, Opcode.MESSAGE_INDEX),
+    }
 )
 _SUMMARY_RECORDS = frozenset({Opcode.SCHEMA, Opcode.CHANNEL, Opcode.STATISTICS, Opcode.CHUNK_INDEX})
 
@@ -255,8 +312,9 @@ class _Tables:
         channel = self.channels.get(number)
         if channel is None:
             raise McapError(f"is damaged: a message belongs to no channel ({number})")
-        if max(log_ns, publish_ns) >> 31 >= SECOND_NS:  # a ROS stamp cannot be so large
-            raise McapError(f"is damaged: a message of {channel.topic} has an impossible time")
+        if not is_possible(max(log_ns, publish_ns)):
+            problem = f"is damaged: a message of {channel.topic} has an impossible time"
+            raise McapError(problem, recoverable=True)
         return RecordedMessage(channel, log_ns, publish_ns, sequence, content[_MESSAGE_HEAD.size :])
 
     def _make(self, channel: Any) -> RecordedChannel:
@@ -292,7 +350,7 @@ def _check_head(file: IO[bytes]) -> None:
     if not MAGIC.startswith(head):
         raise McapError("is not an MCAP file")
     if head != MAGIC:
-        raise McapError("is truncated within its first bytes", unfinished=True)
+        raise McapError("is truncated within its first bytes", recoverable=True)
 
 
 def _file_records(file: IO[bytes]) -> Iterator[tuple[int, bytes]]:
@@ -302,7 +360,7 @@ def _file_records(file: IO[bytes]) -> Iterator[tuple[int, bytes]]:
     _check_head(file)
     yield from _framed(file, size, wanted=_DATA_RECORDS)
     if file.read(len(MAGIC)) != MAGIC or file.read(1):
-        raise McapError("is truncated, its recording was not finished", unfinished=True)
+        raise McapError("is truncated, its recording was not finished", recoverable=True)
 
 
 def _framed(file: IO[bytes], size: int, wanted: frozenset[int]) -> Iterator[tuple[int, bytes]]:
@@ -319,7 +377,7 @@ def _framed(file: IO[bytes], size: int, wanted: frozenset[int]) -> Iterator[tupl
         if not head and wanted is _SUMMARY_RECORDS:
             return
         if len(head) < _HEAD.size:
-            raise McapError("is truncated, its recording was not finished", unfinished=True)
+            raise McapError("is truncated, its recording was not finished", recoverable=True)
         opcode, length = _HEAD.unpack(head)
         end = place + _HEAD.size + length
         if opcode == 0:
@@ -327,7 +385,7 @@ def _framed(file: IO[bytes], size: int, wanted: frozenset[int]) -> Iterator[tupl
         if end > size:
             raise McapError(
                 f"is cut off: {size - place} bytes are left of the {length} of a record",
-                unfinished=True,
+                recoverable=True,
             )
         if opcode in wanted:
             if length > LIMITS.record:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import shutil
+import struct
 import subprocess
 import sys
 from pathlib import Path
@@ -12,6 +13,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from mcap.opcode import Opcode
 from mcap.reader import make_reader
 from rosbags.highlevel import AnyReader
 
@@ -21,6 +23,7 @@ from omni_recording.actions.check import check_bag
 from omni_recording.actions.recover import Recovery, recover
 from omni_recording.definitions import find_message_definition
 from omni_recording.error import BagError
+from omni_recording.mcap import MAGIC
 from omni_recording.metadata import RecordedQos, RecordedTopic
 from omni_recording.write import RecordingError, Rosbag2Writer
 
@@ -33,6 +36,7 @@ TOPICS = (
         RecordedQos(1, durability="transient_local"),
     ),
 )
+ROLLED_OVER = 0xFFFFFFFFFAA3B800  # a negative time as an unsigned number [ns]
 Records = list[tuple[str, int, bytes]]
 
 
@@ -52,6 +56,17 @@ def killed(folder: Path, steps: int, **options: Any) -> Records:
 
 def mcap_file(folder: Path) -> Path:
     return folder / f"{folder.name}_0.mcap"
+
+
+def without_checksums(whole: bytes) -> bytes:
+    """Return an MCAP file whose chunks have no checksum, as some recorders write them."""
+    raw, place = bytearray(whole), len(MAGIC)
+    while place < len(raw) - len(MAGIC):
+        opcode, length = struct.unpack_from("<BQ", raw, place)
+        if opcode == Opcode.CHUNK:
+            struct.pack_into("<I", raw, place + 9 + 24, 0)  # after start, end and size
+        place += 9 + length
+    return bytes(raw)
 
 
 def read_strictly(folder: Path) -> Records:
@@ -136,6 +151,54 @@ def test_a_damaged_chunk_costs_no_other(tmp_path: Path) -> None:
     assert 120 - 1000 // 30 <= len(found) < 120
     assert (CLOCK, 60 * 10**9, clock(60)) not in found
     assert found[-1] == messages[-1]
+
+
+@pytest.mark.parametrize("size", [1000, 1 << 20])
+def test_a_message_with_an_impossible_time_costs_no_other(tmp_path: Path, size: int) -> None:
+    path = tmp_path / "run"
+    with Rosbag2Writer(path, TOPICS, chunk_size=size, compression="none") as writer:
+        messages = [(CLOCK, k * 10**9, clock(k)) for k in range(120)]
+        for topic, stamp_ns, data in messages:
+            writer.write(topic, stamp_ns, data)
+    whole = mcap_file(path).read_bytes()
+    for k in (0, 60, 61, 119):
+        # The log time precedes the time of publication, and both precede the data.
+        times = 2 * (k * 10**9).to_bytes(8, "little") + clock(k)
+        assert times in whole
+        wrong = ROLLED_OVER.to_bytes(8, "little") + times[8:]
+        whole = whole.replace(times, wrong)
+    mcap_file(path).write_bytes(without_checksums(whole))
+    result = saved(path, tmp_path / "saved")
+    assert read_strictly(tmp_path / "saved") == messages[1:60] + messages[62:119]
+    assert dict(result.lost) == {CLOCK: 4}
+    assert result.problems == (
+        f"run_0.mcap is damaged: a message of {CLOCK} has an impossible time, 4 times",
+    )
+
+
+def test_an_impossible_end_is_reported(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "run"
+    with Rosbag2Writer(path, TOPICS) as writer:
+        writer.write(CLOCK, 10**9, clock(1))
+        writer.write(CLOCK, ROLLED_OVER, clock(2), 0)
+    assert command("info", path) == 1
+    words = capsys.readouterr()
+    assert "impossible times, from 1.000 s to 18446744073.620 s" in words.err
+    assert "2 messages\n" in words.out
+    assert command("check", path) == 2
+    assert "has an impossible time; `omni bag recover` keeps" in capsys.readouterr().err
+    assert command("recover", path) == 0
+    assert "lost        1 /clock" in capsys.readouterr().out
+
+
+def test_the_messages_of_an_omitted_chunk_are_counted_by_its_index(tmp_path: Path) -> None:
+    path = tmp_path / "run"
+    messages = killed(path, 120, compression="none")
+    whole = bytearray(mcap_file(path).read_bytes())
+    whole[whole.index(clock(60)) + 4] ^= 0xFF
+    mcap_file(path).write_bytes(whole)
+    result = saved(path, tmp_path / "saved")
+    assert result.lost[CLOCK] == len(messages) - result.counts[CLOCK] > 0
 
 
 def test_metadata_that_were_lost_are_made_again(tmp_path: Path) -> None:

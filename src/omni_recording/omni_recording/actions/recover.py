@@ -6,13 +6,14 @@ index and the metadata that readers require.
 
 import dataclasses
 import shutil
+from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 from omni_recording import definitions, mcap, write
 from omni_recording.error import BagError
-from omni_recording.folder import METADATA, bag_files, open_bag, read_plain_yaml
+from omni_recording.folder import METADATA, bag_files, bag_summary, open_bag, read_plain_yaml
 from omni_recording.limits import LIMITS
 from omni_recording.metadata import RecordedQos, RecordedTopic
 
@@ -24,6 +25,8 @@ class Recovery:
     Attributes:
         folder: folder of the new recording.
         counts: number of recovered messages, keyed by topic.
+        lost: number of messages that were not recovered, keyed by topic; an empty text stands for
+            unknown topics. Messages that neither the metadata nor an index counts are missing.
         first_ns: earliest recovered log time [ns].
         last_ns: latest recovered log time [ns].
         problems: defects of the original recording, file by file; empty if there are none.
@@ -31,6 +34,7 @@ class Recovery:
 
     folder: Path
     counts: Mapping[str, int]
+    lost: Mapping[str, int]
     first_ns: int
     last_ns: int
     problems: tuple[str, ...]
@@ -39,8 +43,9 @@ class Recovery:
 def recover(path: Path, folder: Path) -> Recovery | None:
     """Copy every complete message of a recording into a new one.
 
-    A chunk that cannot be unpacked is omitted, and so is the rest of a file after an invalid
-    record. A file that cannot be opened, such as a broken link, is also omitted.
+    A chunk that cannot be unpacked is omitted, and so is a message with an invalid field, and the
+    rest of a file after any other invalid record. A file that cannot be opened, such as a broken
+    link, is also omitted.
 
     Args:
         path: a rosbag2 folder, with or without metadata, or a single ``.mcap`` file.
@@ -58,7 +63,8 @@ def recover(path: Path, folder: Path) -> Recovery | None:
     files = bag_files(path, problems)
     # The topics must be known before the first message is written, so the recording is read twice.
     count, first_ns, last_ns = 0, 1 << 63, 0
-    for message in _whole_messages(files, problems, channels):
+    lost: Counter[str] = Counter()
+    for message in _whole_messages(files, problems, channels, lost):
         count += 1
         first_ns, last_ns = min(first_ns, message.log_ns), max(last_ns, message.log_ns)
     if not problems and _metadata_fit(path, count):
@@ -67,11 +73,13 @@ def recover(path: Path, folder: Path) -> Recovery | None:
         words = "; ".join(problems) or "the files are empty"
         raise BagError(path, f"contains no complete message: {words}")
     with write.Rosbag2Writer(folder, _topics(path, channels)) as writer:
-        for message in _whole_messages(files, [], []):
+        for message in _whole_messages(files, [], [], Counter()):
             writer.write(message.channel.topic, message.log_ns, message.data, message.publish_ns)
     if path.is_dir():
         _copy_notes(path, folder)
-    return Recovery(folder, writer.counts, first_ns, last_ns, tuple(problems))
+    for topic, claimed in _claimed_counts(path).items():
+        lost[topic] = max(lost[topic], claimed - writer.counts.get(topic, 0))
+    return Recovery(folder, writer.counts, +lost, first_ns, last_ns, tuple(problems))
 
 
 def _topics(path: Path, channels: Iterable[mcap.RecordedChannel]) -> list[RecordedTopic]:
@@ -85,7 +93,10 @@ def _topics(path: Path, channels: Iterable[mcap.RecordedChannel]) -> list[Record
 
 
 def _whole_messages(
-    files: tuple[Path, ...], problems: list[str], channels: list[mcap.RecordedChannel]
+    files: tuple[Path, ...],
+    problems: list[str],
+    channels: list[mcap.RecordedChannel],
+    lost: Counter[str],
 ) -> Iterator[mcap.RecordedMessage]:
     """Yield the readable messages of every file.
 
@@ -93,11 +104,13 @@ def _whole_messages(
         files: MCAP files of the recording.
         problems: list to which the defects of the files are added.
         channels: list to which the channels of a file are added after its messages are yielded.
+        lost: count of omitted messages, keyed by topic, to which those of a file are added.
     """
     for file in files:
+        times: Counter[str] = Counter()
 
-        def note(problem: str, name: str = file.name) -> None:
-            problems.append(f"{name} {problem}")
+        def note(problem: str, times: Counter[str] = times) -> None:
+            times[problem] += 1
 
         reader = mcap.McapMessages(file, on_damage=note)
         try:
@@ -106,7 +119,19 @@ def _whole_messages(
             note(error.problem)
         except OSError as error:
             note(f"cannot be read: {error.strerror or error}")
+        for problem, count in times.items():
+            problems.append(f"{file.name} {problem}" + (f", {count} times" if count > 1 else ""))
         channels.extend(reader.channels)
+        lost += reader.lost
+
+
+def _claimed_counts(path: Path) -> Mapping[str, int]:
+    """Return the message counts of the metadata or of the index; empty without any."""
+    try:
+        bag = open_bag(path)
+        return bag.counts or bag_summary(bag).counts
+    except BagError:
+        return {}
 
 
 def _metadata_fit(path: Path, count: int) -> bool:

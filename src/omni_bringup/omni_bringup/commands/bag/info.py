@@ -1,8 +1,10 @@
 """``./omni bag info``: show topics, types, counts and times.
 
-Show the index of a recording without reading its messages.
+Show the index of a recording without reading its messages. The exit code is 1 if the times in the
+index are impossible.
 """
 
+import math
 from pathlib import Path
 
 from omni_bringup.command_report import Report, entries, printable
@@ -23,12 +25,21 @@ class Options(CommandOptions):
 def run(options: Options, _workspace: Workspace) -> Report:
     """Read the index of the recording, and report topics, types, counts and times."""
     from omni_recording.folder import bag_summary, open_bag
+    from omni_recording.mcap import is_possible
 
     found = open_bag(options.bag)
     summary = bag_summary(found)
     size = sum(file.stat().st_size for file in found.files)
     start = summary.first_ns / quantities.SECOND_NS
-    duration = (summary.last_ns - summary.first_ns) / quantities.SECOND_NS
+    end = summary.last_ns / quantities.SECOND_NS
+    problems = []
+    if not is_possible(summary.last_ns) or summary.first_ns > summary.last_ns:
+        problems.append(
+            f"{options.bag}: the index gives impossible times, from {start:.3f} s to {end:.3f} s; "
+            "`omni bag recover` keeps the messages with possible times"
+        )
+    duration = math.nan if problems else end - start
+    extent = "" if problems else f" within {duration:.3f} s, beginning at {start:.3f} s"
     total = sum(summary.counts.values())
     metrics: dict[str, tuple[float, str]] = {
         "size": (size, "B"),
@@ -56,8 +67,9 @@ def run(options: Options, _workspace: Workspace) -> Report:
                 f"{topic:<{left}}  {kind:<{right}}  {messages:>8}  {rate:>10}".rstrip()
                 for topic, kind, messages, rate in rows
             ),
-            f"{total} messages within {duration:.3f} s, beginning at {start:.3f} s",
+            f"{total} messages{extent}",
             f"{size / 1e6:.1f} MB in {len(found.files)} file(s), {summary.chunks} chunks, "
             f"{packed or 'empty'}",
         ),
+        problems=problems,
     )

@@ -1,7 +1,7 @@
 """``./omni bag recover``: recover the complete messages of an unfinished or damaged recording.
 
-Write every complete message into a new recording with index and metadata, and report the number of
-messages. The original recording is not changed.
+Write every complete message into a new recording with index and metadata, and report the numbers of
+recovered and of lost messages. The original recording is not changed.
 """
 
 from pathlib import Path
@@ -40,12 +40,18 @@ def run(options: Options, _workspace: Workspace) -> Report:
         "end": (end, "s"),
     }
     metrics |= {f"messages.{topic}": (n, "1") for topic, n in result.counts.items()}
+    metrics["lost"] = (sum(result.lost.values()), "1")
+    metrics |= {f"lost.{topic}": (n, "1") for topic, n in result.lost.items()}
     return Report(
         metrics=entries(metrics),
         details={"folder": str(result.folder), "problems": result.problems},
         text=(
             *(f"wrong: {printable(line)}" for line in result.problems),
             *(f"kept {n:>8} {printable(topic)}" for topic, n in sorted(result.counts.items())),
+            *(
+                f"lost {n:>8} {printable(topic or 'unknown topic')}"
+                for topic, n in sorted(result.lost.items())
+            ),
             f"kept {total:>8} messages from {start:.3f} s to {end:.3f} s in {result.folder}",
         ),
     )
