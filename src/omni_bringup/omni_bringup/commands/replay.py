@@ -6,6 +6,7 @@ compare them with the recorded outputs.
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -22,6 +23,7 @@ _TIMEOUTS = (
     "{} times no result arrived within 0.5 s, and the player sent further inputs: results may "
     "depend on the speed of the machine"
 )
+_OTHER_VERSION = "the recording was made by another version or processor: {}"
 
 
 class Options(CommandOptions):
@@ -39,10 +41,9 @@ class Options(CommandOptions):
     offline: bool = option(False)
     """replay in one process without topics; --rate has no effect"""
     check: bool = option(False)
-    """exit code 1 if the results differ from the recorded outputs by more than --tolerance"""
-    # Rounding differs between processors; values in SI units are of the order of one.
-    tolerance: float = option(1e-6, minimum=0.0, maximum=1000.0)
-    """limit on the difference between a value and the recorded one, in its SI unit"""
+    """exit code 1 if the results differ from the recorded outputs by more than their tolerance"""
+    tolerance: float | None = option(None, minimum=0.0, maximum=1000.0)
+    """limit on the difference of every value, in its SI unit (default: tolerances of the topics)"""
     out: Path | None = option(None, metavar="DIR")
     """new folder for the results (default: next to the recording, BAG_replayed_TIME)"""
 
@@ -50,7 +51,7 @@ class Options(CommandOptions):
 def run(options: Options, workspace: Workspace) -> Report:
     """Check the recording, replay its inputs, and compare the results with its outputs."""
     from omni_bringup.commands.bag import beside
-    from omni_bringup.graph.run_folder import time_in_name, unused, write_configuration
+    from omni_bringup.graph import run_folder
     from omni_bringup.replay import plan as plans
     from omni_bringup.replay.graph import replay_over_graph
     from omni_bringup.replay.offline import replay_offline
@@ -65,54 +66,59 @@ def run(options: Options, workspace: Workspace) -> Report:
     else:
         library = workspace.experiment_library()
         configuration = library.load(options.experiment, overrides=options.overrides)
+    others = run_folder.other_versions(bag.path if bag.path.is_dir() else bag.path.parent)
     plan = plans.replay_plan(configuration, options.nodes)
     counts = plans.check_inputs(bag, plan)
     known = [topic for topic in plan.outputs if counts.get(topic)]
     if options.check and len(known) < len(plan.outputs):
         lacking = ", ".join(sorted(plan.outputs.keys() - known))
         raise BagError(bag.path, f"contains no recorded results on {lacking} to compare with")
-    default = beside(options.bag, f"replayed_{time_in_name()}")
-    folder = make_folder(unused(options.out or default))
+    default = beside(options.bag, f"replayed_{run_folder.time_in_name()}")
+    folder = make_folder(run_folder.unused(options.out or default))
     timeouts = 0
     try:
         if options.offline:
             replay_offline(bag, plan, folder)
         else:
             timeouts = replay_over_graph(bag.path, plan, folder, options.rate or 0.0)
-        write_configuration(configuration, folder)
-        comparisons = compare_topics(bag.path, folder, known).values()
+        run_folder.write_configuration(configuration, folder)
+        comparisons = compare_topics(bag.path, folder, known, options.tolerance).values()
     except BagError as error:  # damage to the recording that is found only during the replay
         raise WorkError(str(error)) from None
+    hints = [_TIMEOUTS.format(timeouts)] if timeouts else []
+    if others and not all(one.identical == one.first == one.second for one in comparisons):
+        hints.append(_OTHER_VERSION.format(", ".join(others)))
     return Report(
-        metrics={
-            key: entry
-            for one in comparisons
-            for key, entry in _entries(one, options.tolerance).items()
-        },
+        metrics={key: entry for one in comparisons for key, entry in _entries(one).items()},
         details={"folder": str(folder), "timeouts": timeouts},
         text=(
-            *(f"{one.topic}: {_in_words(one, options.tolerance)}" for one in comparisons),
+            *(f"{one.topic}: {_in_words(one)}" for one in comparisons),
             f"recorded in {folder}",
         ),
-        hints=[_TIMEOUTS.format(timeouts)] if timeouts else [],
-        ok=not options.check or all(one.agrees(options.tolerance) for one in comparisons),
+        hints=hints,
+        ok=not options.check or all(one.agrees for one in comparisons),
     )
 
 
-def _entries(one: TopicComparison, tolerance: float) -> dict[str, dict[str, Any]]:
+def _entries(one: TopicComparison) -> dict[str, dict[str, Any]]:
     counts = {
         "recorded": one.first,
         "replayed": one.second,
         "identical": one.identical,
         "unpaired": one.unpaired,
         "different_texts": one.different_texts,
+        "outside": one.outside,
+        "moved_switches": one.moved_switches,
     }
     found = entries({f"{name}.{one.topic}": (value, "1") for name, value in counts.items()})
-    difference = {"value": one.largest_difference, "unit": "SI", "limit": tolerance}
-    return {**found, f"largest_difference.{one.topic}": difference}
+    sizes = {"replay_margin": (one.margin, "1"), "largest_difference": (one.difference, "SI")}
+    for name, (value, unit) in sizes.items():
+        finite = value if math.isfinite(value) else None  # JSON has no infinite numbers
+        found[f"{name}.{one.topic}"] = {"value": finite, "unit": unit}
+    return found
 
 
-def _in_words(one: TopicComparison, tolerance: float) -> str:
+def _in_words(one: TopicComparison) -> str:
     if one.identical == one.first == one.second:
         return f"all {one.first} messages are identical to the recorded ones"
     words = f"{one.identical} of {one.first} recorded messages are identical"
@@ -122,7 +128,13 @@ def _in_words(one: TopicComparison, tolerance: float) -> str:
         )
     if one.different_texts:
         words += f", {one.different_texts} differ in texts or names"
+    if one.outside:
+        words += f", {one.outside} differ by more than the tolerance"
+    if one.moved_switches:
+        words += f", {one.moved_switches} switches are one message earlier or later"
     if one.worst:
-        words += f", the largest difference is {one.largest_difference:.3g} in {one.worst}"
-    relation = "within" if one.agrees(tolerance) else "not within"
-    return f"{words}: {relation} the tolerance of {tolerance:g}"
+        words += (
+            f", the largest difference is {one.difference:.3g} in {one.worst}, "
+            f"{100.0 * one.margin:.2g} % of its tolerance"
+        )
+    return f"{words}: {'within' if one.agrees else 'not within'} the tolerance"

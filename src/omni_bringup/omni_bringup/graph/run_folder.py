@@ -1,18 +1,21 @@
 """Files stored with the recording of a run: configuration, versions, seed, results."""
 
+import contextlib
 import datetime
 import importlib.metadata
 import json
 import os
 import platform
+import subprocess
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from mcap.writer import MCAP0_MAGIC
 
-from omni_bringup.command_report import write_text
+from omni_bringup.command_report import printable, write_text
 from omni_loop.experiment import ExperimentConfiguration
+from omni_loop.yaml_files import read_mapping
 from omni_platform.configuration import ConfigurationError, to_mapping
 from omni_recording.safe_yaml import in_yaml
 
@@ -84,8 +87,20 @@ def _has_end(path: Path) -> bool:
 
 
 def versions() -> dict[str, str]:
-    """Return the versions of Python, the packages and the ROS middleware, keyed by name."""
+    """Return what the bits of results depend on, keyed by name.
+
+    These are the versions of Python, the packages and the ROS middleware, the commit of the
+    workspace and the model of the processor.
+    """
     found = {"python": platform.python_version(), "machine": platform.machine()}
+    with contextlib.suppress(OSError):  # Linux only
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+        models = (line.partition(":")[2].strip() for line in lines if line.startswith("model name"))
+        found["processor"] = next(models, platform.machine())
+    with contextlib.suppress(OSError, subprocess.CalledProcessError):  # no git, or no clone
+        command = ["git", "-C", str(Path(__file__).parent), "describe", "--always", "--dirty"]
+        done = subprocess.run(command, capture_output=True, check=True, text=True)
+        found["commit"] = done.stdout.strip()
     for name in _DISTRIBUTIONS:
         try:
             found[name] = importlib.metadata.version(name)
@@ -93,3 +108,21 @@ def versions() -> dict[str, str]:
             continue  # a sourced ROS installation has no Python distribution of rclpy
     found["ros_distro"] = os.environ.get("ROS_DISTRO", "jazzy")
     return found
+
+
+def other_versions(folder: Path) -> list[str]:
+    """Return each version stored with a recording that differs from the present one, in words.
+
+    Args:
+        folder: folder of the recording; without stored versions, the result is empty.
+
+    Raises:
+        ConfigurationError: the stored versions cannot be read.
+    """
+    path = folder / VERSIONS
+    stored, present = read_mapping(path, VERSIONS) if path.is_file() else {}, versions()
+    return [
+        f"{name} {printable(str(stored[name]), 100)} (here {value})"
+        for name, value in present.items()
+        if str(stored.get(name, value)) != value
+    ]
