@@ -40,7 +40,7 @@ def make_environment(workspace: places.Workspace, steps: Steps) -> None:
         shutil.rmtree(workspace.venv)
     shutil.rmtree(workspace.kernels, ignore_errors=True)  # compiled with other packages
     failures.check_space(workspace.root, DISK_SPACE)
-    say(f"setting up in {workspace.venv} (about 1 GB, once, one minute; log: {workspace.log})")
+    say(f"setting up in {workspace.venv} (about 1 GB, once, some minutes; log: {workspace.log})")
     workspace.venv.mkdir()
     marker.touch()
     environment = places.base_environment(os.environ, workspace)

@@ -4,6 +4,7 @@ Check each part of the installation and print one line for each, with a remedy f
 exit code is 1 if any check fails.
 """
 
+import contextlib
 import importlib
 import os
 import platform
@@ -46,6 +47,7 @@ def run(options: Options, workspace: Workspace) -> Report:
         "kernels": _kernels,
         "configuration": _configuration,
         "disk": _disk,
+        "folders": _folders,
         "browser": _browser,
     }
     if options.parameters is not None:
@@ -180,6 +182,27 @@ def _disk(workspace: Path, needed: float = 0.2e9) -> str:
             f"{free / 1e9:.1f} GB are free in {workspace}, but a run may need {needed / 1e9:.1f} GB"
         )
     return f"{free / 1e9:.1f} GB are free"
+
+
+def _folders(workspace: Path) -> str:
+    """Return the folders that the workspace fills, with their sizes."""
+    from omni_sim.texture.cache import TextureCache
+
+    names = ("build", "install", ".cache", "bags", "results")
+    folders = [Path(sys.prefix), *(workspace / name for name in names)]
+    folders.append(TextureCache.of_user().directory)
+    sizes = {folder: _size(folder) for folder in folders if folder.is_dir()}
+    return ", ".join(f"{folder} {size / 1e6:.0f} MB" for folder, size in sizes.items())
+
+
+def _size(folder: Path) -> int:
+    """Return the size of all files in a folder [B]."""
+    paths = (Path(place) / name for place, _, names in os.walk(folder) for name in names)
+    total = 0
+    for path in paths:
+        with contextlib.suppress(OSError):  # removed in the meantime
+            total += path.lstat().st_size
+    return total
 
 
 def _feedback(parameters: Path, _: Path) -> str:

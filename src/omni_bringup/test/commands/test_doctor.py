@@ -1,0 +1,21 @@
+"""``./omni doctor`` lists the folders that the workspace fills."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from omni_bringup.commands.doctor import _folders
+
+
+def test_folders_are_listed_with_the_size_of_their_files(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "home"))
+    monkeypatch.setattr("sys.prefix", str(tmp_path / "no environment"))
+    textures = tmp_path / "home" / "omni_sim" / "textures"
+    for folder, size in ((textures, 2_000_000), (tmp_path / "bags" / "run", 5_000_000)):
+        folder.mkdir(parents=True)
+        (folder / "file").write_bytes(bytes(size))
+    assert _folders(tmp_path) == f"{tmp_path / 'bags'} 5 MB, {textures} 2 MB"
