@@ -313,6 +313,10 @@ def test_a_source_that_does_harm_is_named_by_ros_params_the_node_and_doctor(tmp_
     weak.write_text(example.read_text() + "  brake: {max_torque: 2.0}\n")
     for refused, words in (
         (run("lidar"), "--source: 'lidar' is not one of"),
+        (
+            run("otos", "--feedback", str(tmp_path / "fb" / "summary.json")),
+            "cannot be read (No such file or directory); run ./omni study feedback",
+        ),
         (run("ideal"), "has no stops of wheel_twist_agv with ideal and sliding_mode ("),
         (run("otos", file=own), "('my_agv'); run ./omni study feedback --vehicle FOLDER\n"),
         (run("otos", file=drives), "(its stops have {'brake.kind': 'on_off'})"),

@@ -220,9 +220,9 @@ REPLANNED = _condition(
 DEAD_RECKONING = _condition(
     _S.DEAD_RECKONING,
     OK,
-    "motion estimated from IMU and wheel speeds: brakes with a negative error are on",
+    "motion estimated from IMU and wheel speeds: the control law distributes the braking",
 )
-ASSISTING = _condition(_S.ASSISTING, OK, "brakes with a negative error are on")
+ASSISTING = _condition(_S.ASSISTING, OK, "the control law distributes the braking")
 GOOD = ASSISTING
 """Condition without a fault."""
 INPUTS_VALID = GOOD, INTERNAL_ERROR

@@ -79,12 +79,16 @@ def read_mapping(path: Path, key: str) -> dict[str, Any]:
     Raises:
         ConfigurationError: the file cannot be read, or contains no mapping.
     """
+    text = ""
     try:
-        document = load_yaml(read_text(path))
+        text = read_text(path)
+        document = load_yaml(text)
     except OSError as error:
         raise ConfigurationError(key, f"cannot read {path}: {error.strerror}") from None
     except (yaml.YAMLError, ValueError) as error:  # ValueError: dates and bytes
         problem = " ".join(str(error).replace('in "<unicode string>", ', "in ").split())[:200]
+        if re.search(r"^ *\t", text, re.MULTILINE):
+            problem += "; YAML permits no tabs for indentation: use spaces"
         raise ConfigurationError(key, f"{path} is not valid YAML: {problem}") from None
     if not isinstance(document, dict):
         raise ConfigurationError(key, f"{path} must contain a mapping of names to values")

@@ -240,6 +240,7 @@ def test_a_malformed_override_is_refused(text: str) -> None:
     [
         ("[1, 2]", "must contain a mapping"),
         ("vehicle: [", "is not valid YAML"),
+        ("vehicle:\n\ttire: linear", "in line 2, column 1; YAML permits no tabs"),
         ("vehicle: mecanum_forklift", "at least one named variant"),
         ("variants: {assisted: {maneuver: {'': 3}}}", "maneuver.'': is not a known key"),
         ("wheels: {front: {x: 1.0}}", "describes a vehicle; give it as --vehicle"),

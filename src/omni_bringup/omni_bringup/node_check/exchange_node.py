@@ -8,6 +8,7 @@ phases.
 import itertools
 import os
 import struct
+import sys
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
@@ -179,13 +180,14 @@ class Partner:
             WorkError: no publisher appears within a minute, the tested node has ended, or another
                 node of the domain also publishes an input of the tested node.
         """
-        deadline = time.monotonic() + _START
+        deadline, domain = time.monotonic() + _START, self._context.get_domain_id()
+        print(f"waiting for a node that publishes {topic} in ROS domain {domain}", file=sys.stderr)
         while not self.publishers(topic):
             if not alive():
                 raise WorkError("the node ended before it published anything; see its output")
             if time.monotonic() > deadline:
                 raise WorkError(
-                    f"nothing publishes {topic} in ROS domain {self._context.get_domain_id()} "
+                    f"nothing publishes {topic} in ROS domain {domain} "
                     f"within {_START:g} s; start the node in this domain"
                 )
             self.spin(time.monotonic() + 0.1)

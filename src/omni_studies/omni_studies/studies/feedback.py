@@ -363,7 +363,13 @@ def warning(
         for quantity in _SENTENCE:
             value = document["metrics"][f"{quantity}.{vehicle}_{law}_{source}"]["value"]
             found[quantity] = math.inf if value is None else value
-    except (OSError, ValueError, LookupError, TypeError) as error:
+    except OSError as error:
+        problem = (
+            f"cannot be read ({error.strerror}); run ./omni study feedback --vehicle FOLDER, or "
+            "name the summary.json of such a run as --feedback"
+        )
+        raise ConfigurationError(str(summary), problem) from None
+    except (ValueError, LookupError, TypeError) as error:
         problem = (
             f"has no stops of {vehicle} with {source} and {law} ({error}); "
             f"run ./omni study feedback --vehicle FOLDER{'' if imu else ' --without-imu'}"

@@ -40,6 +40,13 @@ from omni_tools.report.recording import ReportedRun, Series
 
 _MOST_STAMPS = 12_000  # two minutes at 100 Hz; for longer runs, every n-th stamp is shown
 _DEGREES = 180.0 / math.pi
+# Nominal values of odometry and assistant, and the true values, which are the defaults.
+_NOMINAL = {
+    "odometry.sensors.": "sensors.",
+    "odometry.flow_sensors.": "flow_sensors.",
+    "brake_assist.wheels.": "vehicle.wheels.",
+    "brake_assist.brake.": "vehicle.brake.",
+}
 _STANDSTILL = 0.05  # speed below which a wheel counts as at rest [m/s]
 
 
@@ -178,10 +185,20 @@ def _metrics(runs: Sequence[recording.ReportedRun]) -> list[dict[str, Any]]:
 def _configuration(runs: Sequence[recording.ReportedRun]) -> list[dict[str, Any]]:
     """Return a table of configuration values: a row for each key, with one value for each run.
 
-    The value is None if the configuration of the run does not contain the key.
+    The value is None if the configuration of the run does not contain the key. Nominal values of
+    odometry and assistant are left out if they are the true ones.
     """
     keys = dict.fromkeys(key for run in runs for key in run.values)
-    return [{"key": key, "values": [run.values.get(key) for run in runs]} for key in keys]
+    rows = {key: [run.values.get(key) for run in runs] for key in keys}
+    return [{"key": key, "values": row} for key, row in rows.items() if row != rows.get(_true(key))]
+
+
+def _true(key: str) -> str:
+    """Return the key of the true value to which a key of a nominal value belongs; empty if none."""
+    for nominal, true in _NOMINAL.items():
+        if key.startswith(nominal):
+            return true + key.removeprefix(nominal)
+    return ""
 
 
 def rim_slips(vehicle: VehicleConfiguration, history: RunHistory) -> FloatArray:

@@ -139,6 +139,21 @@ def test_differences_are_those_of_the_values(make_history: MakeHistory) -> None:
     assert rows == [{"key": "a", "values": ["1", "2"]}, {"key": "b", "values": ["x", None]}]
 
 
+def test_a_nominal_value_is_shown_only_if_it_is_not_the_true_one(
+    make_history: MakeHistory,
+) -> None:
+    values = {
+        "sensors.left.x": "0.1",
+        "sensors.left.y": "0.2",
+        "odometry.sensors.left.x": "0.1",
+        "odometry.sensors.left.y": "0.3",
+        "odometry.method": "joint",
+    }
+    rows = report_document("", [reported(make_history(), values=values)])["configuration"]
+    del values["odometry.sensors.left.x"]
+    assert [row["key"] for row in rows] == list(values)
+
+
 def test_the_page_is_one_file_that_asks_for_nothing(make_history: MakeHistory) -> None:
     title = "</script> & <b>{{STYLE}}"
     page = report_page(title, [reported(make_history())])
