@@ -6,6 +6,6 @@ sys.path.insert(0, "../omni_platform")
 from ament_package import install
 
 install(
-    requires=["llvmlite", "numba", "numpy", "omni_platform", "pillow"],
+    requires=["numba", "numpy", "omni_platform", "pillow"],
     nodes={"simulator": "omni_sim.simulator_node"},
 )

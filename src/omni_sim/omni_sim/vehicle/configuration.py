@@ -15,7 +15,7 @@ from omni_platform.configuration import (
 )
 from omni_platform.kinematics import PlatformKinematics
 from omni_sim.tire.tire import TireConfiguration
-from omni_sim.vehicle import loads, plausibility
+from omni_sim.vehicle import loads
 from omni_sim.vehicle.suspension import SuspensionConfiguration
 from omni_sim.wheel.passive_losses import PassiveLossConfiguration
 from omni_sim.wheel.roller_geometry import RollerConfiguration, RollerGeometry, roller_geometries
@@ -111,16 +111,6 @@ class VehicleConfiguration(Configuration):
     def masses(self) -> loads.MassProperties:
         """Mass properties of body and load together."""
         return loads.MassProperties.of(self.body, self.load)
-
-    def remarks(self, friction: float = 1.0) -> tuple[str, ...]:
-        """Return sentences about implausible values, the most important one first.
-
-        A value may be in a wrong unit, or it is a default, which belongs to a forklift of 1 t.
-
-        Args:
-            friction: friction factor of the ground [1].
-        """
-        return plausibility.vehicle_remarks(self, friction)
 
     @property
     def contacts_move(self) -> bool:

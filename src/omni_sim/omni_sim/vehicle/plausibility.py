@@ -5,21 +5,16 @@ contain robots of 0.5 kg as well as forklifts of 5 t, so a value outside is usua
 unit, or is the default value of a vehicle of another size.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Iterator, Mapping
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from omni_platform.geometry import PlatformGeometry
 from omni_platform.rollers import roller_remarks
 from omni_sim.tire.tire import Tire
+from omni_sim.vehicle.configuration import VehicleConfiguration
 from omni_sim.vehicle.loads import GRAVITY, load_plane
-
-if TYPE_CHECKING:
-    from omni_sim.vehicle.configuration import VehicleConfiguration
 
 # Plausible ranges of ratios [1]. load: wheel load to the largest load of the tire. brake and drive:
 # torque to the torque at the friction limit. yaw_inertia: yaw inertia to that of a plate as large
@@ -86,7 +81,9 @@ def brakes_over_grip(facts: Mapping[str, WheelFacts]) -> float:
 
 
 def vehicle_remarks(vehicle: VehicleConfiguration, friction: float = 1.0) -> tuple[str, ...]:
-    """Return remarks on implausible values of a vehicle, the most important one first.
+    """Return sentences about implausible values of a vehicle, the most important one first.
+
+    A value may be in a wrong unit, or it is a default, which belongs to a forklift of 1 t.
 
     Args:
         vehicle: vehicle to check.

@@ -15,6 +15,7 @@ from omni_sim.vehicle import state as layout
 from omni_sim.vehicle.configuration import VehicleConfiguration
 from omni_sim.vehicle.placing import along_active, rolling_radius
 from omni_sim.vehicle.plant import build_losses, build_plant, build_rollers, build_suspension
+from omni_sim.vehicle.plausibility import vehicle_remarks
 from omni_sim.vehicle.suspension import fastest_motion, settle
 from omni_sim.wheel.brake_pressure import build_brake_pressure
 
@@ -79,7 +80,7 @@ class Vehicle:
         """
         if not 0.0 < physics_step <= 0.01:
             raise VehicleInputError(f"physics step {physics_step} s must be in (0, 0.01] s")
-        for remark in configuration.remarks():
+        for remark in vehicle_remarks(configuration):
             warnings.warn(remark, ConfigurationWarning, stacklevel=2)
         self.configuration = configuration
         self.kinematics = kinematics.PlatformKinematics.of(configuration.wheels)

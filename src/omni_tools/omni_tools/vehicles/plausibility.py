@@ -11,7 +11,7 @@ from omni_loop.experiment import ExperimentConfiguration, ExperimentLibrary
 from omni_platform.sensors import OVERLAP, LineSensor, Mount, heading_remarks
 from omni_sim.driver.scripted import ManeuverConfiguration, ScriptedDriver
 from omni_sim.vehicle.configuration import VehicleConfiguration
-from omni_sim.vehicle.plausibility import plain, wheel_facts
+from omni_sim.vehicle.plausibility import plain, vehicle_remarks, wheel_facts
 
 
 def camera_speed(sensor: LineSensor, direction: float) -> float:
@@ -30,7 +30,7 @@ def remarks(experiment: ExperimentConfiguration) -> tuple[str, ...]:
     """Return remarks on implausible values of an experiment, the most important one first."""
     cameras = _camera_remarks(experiment) if experiment.feedback == "optical" else ()
     return (
-        *experiment.vehicle.remarks(experiment.ground.friction),
+        *vehicle_remarks(experiment.vehicle, experiment.ground.friction),
         *_maneuver_remarks(experiment),
         *heading_remarks("sensors", experiment.sensors),
         *heading_remarks("flow_sensors", experiment.flow_sensors),
@@ -57,7 +57,7 @@ class RemarkingLibrary(ExperimentLibrary):
     def vehicle(self, name: str) -> VehicleConfiguration:
         """Read a vehicle as `ExperimentLibrary` does, and report its implausible values."""
         loaded = super().vehicle(name)
-        self._remark(loaded.remarks())
+        self._remark(vehicle_remarks(loaded))
         return loaded
 
     def _remark(self, remarks: Iterable[str]) -> None:
