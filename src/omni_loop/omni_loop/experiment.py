@@ -9,7 +9,7 @@ the value of named entries, such as ``ground.patches={}``, removes all of them.
 """
 
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from os.path import abspath, exists, isfile
 from pathlib import Path
 from typing import Any
@@ -135,18 +135,7 @@ class ExperimentConfiguration(SimulatorConfiguration):
             ) from None
 
 
-def _named_entries(cls: type[Configuration], prefix: str = "") -> Iterator[str]:
-    """Yield the dotted keys of a configuration's mappings of names to entries."""
-    for name, kind, _ in declared.declared_parameters(cls):
-        key = declared.join_key(prefix, name)
-        if declared.is_configuration(kind):
-            yield from _named_entries(kind, key)
-        elif declared.element_configuration(kind) is not None:
-            yield key
-
-
-# An empty mapping given for one of these keys, such as ``ground.patches={}``, removes all entries.
-_NAMED_ENTRIES = frozenset(_named_entries(ExperimentConfiguration))
+_ENTRIES = frozenset(yaml_files.named_entries(ExperimentConfiguration))
 
 
 class _SensorsAlone(Configuration):
@@ -221,7 +210,7 @@ class ExperimentLibrary:
             )
         tree = {key: value for key, value in document.items() if key != "variants"}
         near = Path(experiment).parent if experiment.endswith(".yaml") else None
-        tree = self._resolve(tree, near=near)
+        tree = yaml_files.emptied(self._resolve(tree, near=near), _ENTRIES)
         changes = variants[variant] if variants[variant] is not None else {}
         if not isinstance(changes, Mapping):
             raise ConfigurationError(
@@ -235,7 +224,8 @@ class ExperimentLibrary:
         layers = [_take_names(one, named) for one in given]
         names = [yaml_files.nest(path, named[path]) for path in _PARTS if path in named]
         for layer in (*names, *layers):
-            tree = yaml_files.merge(tree, self._resolve(layer, near=near))
+            values = yaml_files.emptied(self._resolve(layer, near=near), _ENTRIES)
+            tree = yaml_files.merge(tree, values)
         # Nodes use the true mounting positions unless the experiment configures others.
         for kind in ("sensors", "flow_sensors"):
             yaml_files.set_default(tree, "odometry", kind, tree.get(kind))
@@ -322,8 +312,6 @@ class ExperimentLibrary:
                     yaml_files.check_complete(part, _REQUIRED, path, named)
                 beside = Path(named).parent if named.endswith(".yaml") else None
                 resolved[key] = yaml_files.Part(self._resolve(part, path, beside))
-            elif value == {} and path in _NAMED_ENTRIES:
-                resolved[key] = yaml_files.Part()
             elif isinstance(value, Mapping):
                 resolved[key] = self._resolve(value, path, near)
             else:
@@ -378,7 +366,8 @@ def recorded_experiment(path: Path, overrides: Iterable[str] = ()) -> Experiment
     """
     tree = yaml_files.read_mapping(path, "configuration")
     for override in overrides:
-        tree = yaml_files.merge(tree, yaml_files.parse_override(override))
+        values = yaml_files.emptied(yaml_files.parse_override(override), _ENTRIES)
+        tree = yaml_files.merge(tree, values)
     return declared.from_mapping(ExperimentConfiguration, tree)
 
 

@@ -6,13 +6,20 @@ The layers are nested mappings, which come from files and overrides.
 import functools
 import math
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 import yaml
 
-from omni_platform.configuration import ConfigurationError, join_key
+from omni_platform.configuration import (
+    Configuration,
+    ConfigurationError,
+    declared_parameters,
+    element_configuration,
+    is_configuration,
+    join_key,
+)
 from omni_platform.text_files import read_text
 from omni_recording.safe_yaml import LARGEST_YAML, SafeLoader
 
@@ -146,6 +153,29 @@ def merge(base: Mapping[str, Any], layer: Mapping[str, Any]) -> dict[str, Any]:
         else:
             merged[key] = value
     return merged
+
+
+def named_entries(cls: type[Configuration], prefix: str = "") -> Iterator[str]:
+    """Yield the dotted keys of a configuration's mappings of names to entries."""
+    for name, kind, _ in declared_parameters(cls):
+        key = join_key(prefix, name)
+        if is_configuration(kind):
+            yield from named_entries(kind, key)
+        elif element_configuration(kind) is not None:
+            yield key
+
+
+def emptied(layer: Mapping[str, Any], entries: Collection[str], prefix: str = "") -> dict[str, Any]:
+    """Return a layer in which ``{}`` for a key in `entries` removes all entries of lower layers."""
+    result = Part() if isinstance(layer, Part) else dict[str, Any]()
+    for key, value in layer.items():
+        path = join_key(prefix, str(key))
+        if isinstance(value, Mapping):
+            empty = not value and path in entries
+            result[key] = Part() if empty else emptied(value, entries, path)
+        else:
+            result[key] = value
+    return result
 
 
 def check_complete(

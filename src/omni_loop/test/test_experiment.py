@@ -67,6 +67,8 @@ def test_a_vehicle_without_any_sensors_or_wheels_is_refused(
 def test_an_empty_mapping_removes_all_named_entries(library: ExperimentLibrary) -> None:
     assert library.load("ice_patch", "assisted").ground.patches
     assert not library.load("ice_patch", "assisted", ["ground.patches={}"]).ground.patches
+    odometry = library.load("ice_patch", "assisted", ["odometry.sideslip={}"])
+    assert odometry.odometry.sensors == odometry.sensors
     alone = library.load("ice_patch", "assisted", ["ground={patches: {}, texture: {kind: stone}}"])
     assert (alone.ground.patches, alone.ground.texture.kind) == ({}, "stone")
 
