@@ -1,7 +1,7 @@
 """Top view of braking: snapshots of every variant, like Figures 24 and 30 of the dissertation.
 
-Every variant has a panel, all with the same scale, so that distances can be compared by eye. Times
-are counted from the start of braking; `snapshots` selects the moments.
+Every variant or stop has a panel, all with the same scale, so that distances can be compared by
+eye. Times are counted from the start of braking; `snapshots` selects the moments.
 """
 
 import dataclasses
@@ -188,12 +188,17 @@ def _patch_look(friction: float) -> dict[str, Any]:
 
 @dataclasses.dataclass(frozen=True)
 class _View:
-    """Area of the ground that every panel shows, and the layout of the panels."""
+    """Area of the ground that the first panel shows, and the layout of the panels."""
 
     low: FloatArray  # lower left corner [m]
     high: FloatArray  # upper right corner [m]
+    offsets: Mapping[str, FloatArray]  # of the area of each panel from that of the first [m]
     side_by_side: bool
     inches_per_meter: float
+
+    def moved(self, offset: FloatArray) -> "_View":
+        """Return the view of a panel whose area has an offset [m], shape (2,)."""
+        return dataclasses.replace(self, low=self.low + offset, high=self.high + offset)
 
 
 def top_view(scene: Scene, histories: Mapping[str, RunHistory], *, title: str = "") -> Figure:
@@ -215,8 +220,10 @@ def top_view(scene: Scene, histories: Mapping[str, RunHistory], *, title: str = 
     fastest = max(_greatest_speed(h, list(snapshots[n].indices)) for n, h in histories.items())
     view = _choose_view(scene, histories, snapshots, arrow_scale)
     handles = legend_handles(scene, fastest, style.time_label(histories.values()))
-    figure, panels = _lay_out(view, len(histories), handles, title)
+    figure, panels = _lay_out(view, handles, title)
     for axes, (name, history) in zip(panels, histories.items(), strict=True):
+        here = view.moved(view.offsets[name])
+        axes.set(xlim=(here.low[0], here.high[0]), ylim=(here.low[1], here.high[1]))
         joint = "\n" if view.side_by_side else ", "
         axes.set_title(_panel_title(name, history, joint))
         draw_ground(axes, scene)
@@ -225,7 +232,7 @@ def top_view(scene: Scene, histories: Mapping[str, RunHistory], *, title: str = 
         for age, index in enumerate(reversed(chosen)):
             draw_snapshot(axes, scene, history, index, arrow_scale, age / len(chosen))
         covered = [snapshot_outlines(scene, history, i, arrow_scale) for i in chosen]
-        _label_snapshots(axes, covered, snapshots[name].labels, view)
+        _label_snapshots(axes, covered, snapshots[name].labels, here)
     return figure
 
 
@@ -252,12 +259,14 @@ def _choose_view(
         height: height of all panels together [in].
         lowest: minimum height of a panel [in].
     """
+    offsets = _offsets(scene, histories)
     points = []
     for name, history in histories.items():
         indices = list(snapshots[name].indices)
-        points += [placed(scene.drawn_points, history.pose[index]) for index in indices]
-        points.append(history.pose[indices, :2] + arrow_scale * history.velocity_world[indices])
-        points.append(history.pose[indices[0] :, :2])
+        own = [placed(scene.drawn_points, history.pose[index]) for index in indices]
+        own.append(history.pose[indices, :2] + arrow_scale * history.velocity_world[indices])
+        own.append(history.pose[indices[0] :, :2])
+        points += [part - offsets[name] for part in own]
     everything = np.concatenate(points)
     margin = 0.15 * max(scene.chassis_length, scene.chassis_width)
     low, high = np.min(everything, axis=0) - margin, np.max(everything, axis=0) + margin
@@ -274,21 +283,34 @@ def _choose_view(
     # Enlarge the shown area, so that every panel fills its space.
     wanted = np.array([room[0], max(lowest, (high - low)[1] * scale)])
     slack = np.maximum(wanted / scale - (high - low), 0.0)
-    return _View(low - slack / 2.0, high + slack / 2.0, side_by_side, scale)
+    return _View(low - slack / 2.0, high + slack / 2.0, offsets, side_by_side, scale)
 
 
-def _lay_out(view: _View, count: int, handles: Sequence[Any], title: str) -> tuple[Figure, Any]:
+def _offsets(scene: Scene, histories: Mapping[str, RunHistory]) -> dict[str, FloatArray]:
+    """Return the offset of each panel's area from that of the first panel [m], shape (2,).
+
+    All panels show the same area, unless the runs brake at different places, as in a drive with
+    several stops.
+    """
+    starts = {name: h.pose[h.brake_start or 0, :2] for name, h in histories.items()}
+    first = next(iter(starts.values()))
+    offsets = {name: start - first for name, start in starts.items()}
+    if all(np.hypot(*offset) < scene.chassis_length for offset in offsets.values()):
+        return dict.fromkeys(offsets, np.zeros(2))
+    return offsets
+
+
+def _lay_out(view: _View, handles: Sequence[Any], title: str) -> tuple[Figure, Any]:
     """Return a figure with equal panels and a legend of `_ENTRIES` entries per row."""
     width, height = (view.high - view.low) * view.inches_per_meter
+    count, same = len(view.offsets), not any(map(np.any, view.offsets.values()))
     rows, columns = (1, count) if view.side_by_side else (count, 1)
     legend = 0.25 * math.ceil(len(handles) / _ENTRIES)
     total = rows * (height + (1.3 if view.side_by_side else 0.38)) + 1.1 + legend
     size = style.PAGE_WIDTH, total
     figure, grid = style.panels(
-        title, rows, columns, size=size, x="x [m]", y="y [m]", sharex=True, sharey=True
+        title, rows, columns, size=size, x="x [m]", y="y [m]", sharex=same, sharey=same
     )
-    (left, lower), (right, upper) = view.low, view.high
-    grid[0, 0].set(xlim=(left, right), ylim=(lower, upper))
     for axes in grid.flat:
         axes.set_aspect("equal")
         axes.xaxis.set_major_locator(MaxNLocator(max(int(width * 1.2), 2), prune="both"))

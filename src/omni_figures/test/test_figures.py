@@ -257,6 +257,19 @@ def test_no_snapshot_label_or_arrow_hides_another_snapshot(
                 assert not outline.intersects_bbox(box)
 
 
+def test_stops_far_apart_are_drawn_as_large_as_a_single_one(make_history: MakeHistory) -> None:
+    run = make_history()
+    away = run.pose + np.array([500.0, -300.0, 0.0])
+    (alone,) = top_view(scene(), {"a": run}).axes
+    figure = top_view(scene(), {"a": run, "b": make_history(pose=away)})
+    for axes, x in zip(figure.axes, (0.0, 500.0), strict=True):
+        assert np.ptp(axes.get_xlim()) < 1.5 * np.ptp(alone.get_xlim())
+        for corners in drawn_chassis(axes):
+            low, high = np.transpose([axes.get_xlim(), axes.get_ylim()])
+            assert np.all((corners > low) & (corners < high))
+        assert np.min(np.abs(np.subtract(axes.get_xlim(), x))) < 50.0
+
+
 def test_outlines_overlap_where_they_share_a_point() -> None:
     square = rectangle(2.0, 2.0)
     for angle in (0.0, 0.3, math.pi / 2.0):

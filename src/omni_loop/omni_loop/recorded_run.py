@@ -4,24 +4,21 @@ Only the topics of a `RunHistory` are decoded. The line batches, which make up n
 recording, are skipped. `ground_truth/odom` gives the control stamps. Every other message is
 assigned to the first control stamp that is not before the stamp of the message. A twist of the
 odometry has the stamp of its newest line, which is up to one line period before the control stamp.
-`stops_of` divides the history of a recording with several stops into one history per stop.
 """
 
 from __future__ import annotations
 
 import dataclasses
-import math
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from omni_loop.history import SIGNALS, RunHistory
-from omni_loop.metrics import rest_stamp
+from omni_loop.history import RunHistory
 from omni_platform import topics
 from omni_platform.geometry import turned
-from omni_platform.quantities import SECOND_NS, FloatArray, IntArray
+from omni_platform.quantities import FloatArray, IntArray
 from omni_platform.signals import UNMEASURED_VARIANCE
 from omni_recording.error import BagError
 
@@ -269,49 +266,3 @@ def measured_twist(twist: Any) -> FloatArray:
     """
     variance = np.asarray(twist.covariance)[_VARIANCES]
     return np.where(variance < UNMEASURED_VARIANCE, planar_twist(twist.twist), np.nan)
-
-
-def cut(history: RunHistory, first: int, last: int) -> RunHistory:
-    """Return the part of a history from index `first` to index `last`, both included."""
-    part = slice(first, last + 1)
-    signals = {name: getattr(history, name)[part].copy() for name in SIGNALS}
-    return dataclasses.replace(history, assist_state=history.assist_state[part], **signals)
-
-
-def stops_of(history: RunHistory) -> tuple[RunHistory, ...]:
-    """Return the history of each stop of a run, in the order of the stops.
-
-    A stop begins when the pedal is pressed while the vehicle moves. It ends when the vehicle is at
-    rest with the pedal still down. Braking that does not end at rest is not a stop. The history of
-    a stop also contains up to one second before and half a second after the stop.
-
-    The whole history is returned if it contains no stop. It is also returned if it contains a
-    single stop and the vehicle already moves at the first stamp.
-    """
-    spans = _spans(history)
-    if not spans or (len(spans) == 1 and _moves(history, 0)):
-        return (history,)
-    return tuple(cut(history, first, last) for first, last in spans)
-
-
-def _moves(history: RunHistory, index: int, least: float = 0.2) -> bool:
-    """Return whether the speed [m/s] or the yaw rate [rad/s] at a stamp exceeds `least`."""
-    twist = history.twist[index]
-    return math.hypot(twist[0], twist[1]) > least or abs(twist[2]) > least
-
-
-def _spans(history: RunHistory) -> list[tuple[int, int]]:
-    """Return the indices of the first and last stamp of each stop's history, see `stops_of`."""
-    stamps = history.stamp_ns
-    pressed = np.concatenate(([False], history.pedal > 0.0, [False]))
-    downs = np.flatnonzero(pressed[1:] & ~pressed[:-1])
-    ups = np.flatnonzero(pressed[:-1] & ~pressed[1:])
-    spans, free = [], 0
-    for down, up in zip(downs.tolist(), ups.tolist(), strict=True):
-        still = rest_stamp(history.twist[:up], down) if _moves(history, down) else None
-        if still is not None:
-            first = int(np.searchsorted(stamps, stamps[down] - SECOND_NS))
-            last = int(np.searchsorted(stamps, stamps[still] + SECOND_NS // 2, side="right")) - 1
-            spans.append((max(free, first), min(max(last, still), up - 1)))
-        free = up
-    return spans

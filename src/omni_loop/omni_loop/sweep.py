@@ -10,8 +10,9 @@ import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
 from omni_loop import experiment, history
-from omni_loop.metrics import Metric, run_metrics
+from omni_loop.metrics import Metric
 from omni_loop.options import is_swept
+from omni_loop.stops import named_stops, stop_metrics
 from omni_loop.yaml_files import load_yaml
 from omni_platform.configuration import ConfigurationError
 
@@ -24,12 +25,12 @@ SHOWN = ("stopping_distance", "orientation_change", "lateral_deviation", "stoppi
 
 @dataclasses.dataclass(frozen=True)
 class SweptRun:
-    """One run of a parameter sweep.
+    """One stop of a parameter sweep; most runs have only one.
 
     Attributes:
-        variant: variant of the experiment.
+        variant: variant of the experiment, followed by ``/stop_<N>`` if its run has several stops.
         values: value of each swept key as a text, keyed by the dotted key.
-        metrics: metrics of the run, keyed by quantity.
+        metrics: metrics of the stop, keyed by quantity.
     """
 
     variant: str
@@ -65,7 +66,7 @@ def sweep(
     configurations: Sequence[tuple[str, Mapping[str, str], experiment.ExperimentConfiguration]],
     report: Callable[[float, str], None],
 ) -> list[SweptRun]:
-    """Run all combinations of a sweep; return the runs in the order of `configurations`.
+    """Run all combinations of a sweep; return their stops in the order of `configurations`.
 
     Args:
         configurations: variant, values of the swept keys, and configuration of each run.
@@ -75,9 +76,8 @@ def sweep(
     for done, (variant, values, configuration) in enumerate(configurations):
         words = ", ".join(f"{key.rpartition('.')[2]} {value}" for key, value in values.items())
         report(done / len(configurations), f"{variant}, {words}")
-        metrics = run_metrics(_run(configuration))
-        kept = {key: metric for key, metric in metrics.items() if key != "real_time_factor"}
-        results.append(SweptRun(variant, values, kept))
+        stops = named_stops(_run(configuration), variant)
+        results += [SweptRun(name, values, stop_metrics(stop)) for name, stop in stops.items()]
     return results
 
 

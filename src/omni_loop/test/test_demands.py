@@ -13,7 +13,8 @@ from omni_loop.compiled import run_fast_loop
 from omni_loop.demands import read_demands
 from omni_loop.experiment import ExperimentConfiguration, ExperimentLibrary
 from omni_loop.loop import run_closed_loop
-from omni_loop.recorded_run import read_run, stops_of
+from omni_loop.recorded_run import read_run
+from omni_loop.stops import stops_of
 from omni_platform.configuration import ConfigurationError
 from omni_sim.driver.scripted import ScriptedDriver
 

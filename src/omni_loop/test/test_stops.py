@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from omni_loop.drift import absolute_error, drift_metrics, odometry_path, relative_error
 from omni_loop.history import RunHistory
 from omni_loop.metrics import run_metrics
-from omni_loop.recorded_run import stops_of
+from omni_loop.stops import drive_metrics, named_stops, stops_of
 
 PERIOD = 0.01  # [s]
 
@@ -63,6 +63,17 @@ def test_a_drive_is_split_and_parking_and_taps_are_no_stops() -> None:
         assert stop.twist[start, 0] == pytest.approx(speed, abs=0.01)
         distance = run_metrics(stop)["stopping_distance"].value
         assert distance == pytest.approx(speed / 2.0, abs=0.04)
+
+
+def test_only_several_stops_are_numbered() -> None:
+    one, two = drive(PARKED, AWAY, STOP, STILL), drive(AWAY, STOP, STILL, AWAY, STOP, STILL)
+    assert list(named_stops(one, "a")) == ["a"]
+    (stop,) = named_stops(one, "a").values()
+    assert run_metrics(stop)["stopping_distance"].value == pytest.approx(2.0, abs=0.04)
+    assert list(named_stops(two, "a")) == ["a/stop_1", "a/stop_2"]
+    # 4 m during each acceleration and 2 m in each stop
+    whole = {name: metric.value for name, metric in drive_metrics(two, 2).items()}
+    assert whole == {"stops": 2.0, "path_length": pytest.approx(12.0, abs=0.1)}
 
 
 def test_a_scripted_run_stays_whole() -> None:

@@ -10,6 +10,7 @@ import os
 from collections.abc import Iterator, Mapping, Sequence
 from functools import cache, partial
 from importlib import import_module
+from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -22,6 +23,10 @@ from omni_platform.configuration import ConfigurationError, InputError, WorkErro
 if TYPE_CHECKING:
     from omni_bringup.graph.run_variant import VariantResult
     from omni_loop.experiment import ExperimentConfiguration, ExperimentLibrary
+    from omni_loop.history import RunHistory
+    from omni_loop.metrics import Metric
+
+_PANELS = 6  # in a figure; further stops are in further figures
 
 REPLACEABLE = ("brake_assist", "linescan_odometry")
 """Nodes that a user's own node may replace."""
@@ -203,7 +208,7 @@ def _report(
 ) -> command_report.Report:
     """Draw the figures and return the report; a user's own law is named in the titles.
 
-    The figures are like Figures 24 and 31 of the dissertation.
+    The figures are like Figures 24 and 31 of the dissertation, with a panel for each stop.
     """
     from omni_figures.scene import Scene
     from omni_figures.style import save_figure
@@ -211,18 +216,25 @@ def _report(
     from omni_figures.time_series import time_series
     from omni_figures.top_view import top_view
 
-    titled: dict[str, VariantResult] = {}
+    histories: dict[str, RunHistory] = {}
+    columns: dict[str, Mapping[str, Metric]] = {}
     for result in results:
         assist = configurations[result.variant].brake_assist
-        own = assist.enabled and ":" in assist.law
-        titled[f"{result.variant} ({assist.law})" if own else result.variant] = result
-    histories = {title: result.history for title, result in titled.items()}
+        law = f" ({assist.law})" if assist.enabled and ":" in assist.law else ""
+        histories |= {f"{name}{law}": stop for name, stop in result.stops.items()}
+        columns |= {f"{name}{law}": metrics for name, metrics in result.metrics.items()}
     first = next(iter(configurations.values()))
-    figures = {
-        "top_view": top_view(Scene.of(first), histories, title=first.description),
-        "time_series": time_series(histories, title=first.description),
-    }
-    pictures = [save_figure(figure, folder / f"{name}.png") for name, figure in figures.items()]
+    pictures = []
+    for start in range(0, len(histories), _PANELS):
+        shown = dict(islice(histories.items(), start, start + _PANELS))
+        number = f"_{start // _PANELS + 1}" if start else ""
+        figures = {
+            "top_view": top_view(Scene.of(first), shown, title=first.description),
+            "time_series": time_series(shown, title=first.description),
+        }
+        pictures += [
+            save_figure(figure, folder / f"{name}{number}.png") for name, figure in figures.items()
+        ]
     return command_report.Report(
         **_document(experiment, results),
         details={
@@ -231,7 +243,7 @@ def _report(
             "figures": [str(picture) for picture in pictures],
         },
         text=(
-            ComparisonTable({title: result.metrics for title, result in titled.items()}),
+            ComparisonTable(columns),
             *(f"figure     {picture}" for picture in pictures),
             f"recordings {folder}",
         ),
@@ -243,5 +255,5 @@ def _document(experiment: str, results: Sequence[VariantResult]) -> dict[str, An
     from omni_loop.experiment import short_name
     from omni_loop.metrics import results_document
 
-    by_variant = {result.variant: result.metrics for result in results}
-    return results_document(short_name(experiment), by_variant)
+    by_stop = {name: metrics for result in results for name, metrics in result.metrics.items()}
+    return results_document(short_name(experiment), by_stop)

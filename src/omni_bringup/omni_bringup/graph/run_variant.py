@@ -20,8 +20,9 @@ from omni_bringup.graph.domain import reserved_domain
 from omni_bringup.graph.run_folder import write_configuration
 from omni_loop.experiment import ExperimentConfiguration
 from omni_loop.history import RunHistory
-from omni_loop.metrics import Metric, run_metrics, still_rolls
+from omni_loop.metrics import Metric, still_rolls
 from omni_loop.recorded_run import read_run
+from omni_loop.stops import drive_metrics, named_stops, stop_metrics
 from omni_platform.configuration import WorkError
 from omni_ros.environment import node_environment
 from omni_tools.limit.bounds import limit_share
@@ -45,13 +46,16 @@ class VariantResult:
         variant: name of the variant.
         folder: rosbag2 folder of the recording.
         history: time histories, read back from the recording.
-        metrics: metrics of the run, keyed by quantity.
+        stops: part of the history for each stop, keyed by the name of the stop.
+        metrics: metrics by quantity, keyed by the name of the stop; if there are several stops, the
+            entry of the variant has the metrics of the whole run.
     """
 
     variant: str
     folder: Path
     history: RunHistory
-    metrics: Mapping[str, Metric]
+    stops: Mapping[str, RunHistory]
+    metrics: Mapping[str, Mapping[str, Metric]]
 
     def still_moving(self) -> str:
         """Return a warning if the vehicle still rolls with the pedal down, or an empty text."""
@@ -173,13 +177,20 @@ def measured(
     # `wall` is the wall-clock time from the first to the last step, without the start-up.
     real_time_factor = report["time"] / report["wall"] if report["wall"] > 0.0 else math.nan
     history = dataclasses.replace(read_run(folder), real_time_factor=real_time_factor)
-    metrics = dict(run_metrics(history))
+    stops = named_stops(history, variant)
+    whole = {"real_time_factor": Metric(real_time_factor, "1")}
     for limit in ("overload", "tipping"):
         time_beyond, warning = report["limits"].get(limit, (0.0, ""))
-        metrics[f"{limit}_time"] = Metric(time_beyond, "s", note=warning)
-    distance = metrics["stopping_distance"].value
-    metrics["limit_share"] = limit_share(history, configuration, distance)
-    return VariantResult(variant, folder, history, metrics)
+        whole[f"{limit}_time"] = Metric(time_beyond, "s", note=warning)
+    if len(stops) > 1:
+        whole = drive_metrics(history, len(stops)) | whole
+    metrics = {variant: whole}
+    for name, stop in stops.items():
+        measures = stop_metrics(stop)
+        distance = measures["stopping_distance"].value
+        measures["limit_share"] = limit_share(stop, configuration, distance)
+        metrics[name] = measures | metrics.get(name, {})
+    return VariantResult(variant, folder, history, stops, metrics)
 
 
 def write_beside_bag(

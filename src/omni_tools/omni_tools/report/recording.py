@@ -14,8 +14,9 @@ import numpy as np
 from omni_brake_assist.conditions import AssistState
 from omni_loop import drift, experiment, recorded_run
 from omni_loop.history import RunHistory
-from omni_loop.metrics import Metric, rest_stamp, run_metrics
-from omni_loop.recorded_run import read_streams, stops_of
+from omni_loop.metrics import Metric, rest_stamp
+from omni_loop.recorded_run import read_streams
+from omni_loop.stops import drive_metrics, named_stops, stop_metrics
 from omni_platform.configuration import InputError, from_mapping
 from omni_platform.quantities import FloatArray, IntArray
 from omni_platform.topics import MARKERS, TEST_RATIOS, WHEEL_FORCES
@@ -153,7 +154,8 @@ class ReportedRun:
 
 def stops_apart(whole: ReportedRun) -> list[ReportedRun]:
     """Return each stop of a recording as a run of its own, for a report."""
-    return [_part(whole, stop, words) for words, stop in _named_stops(whole.history, whole.name)]
+    stops = named_stops(whole.history, whole.name)
+    return [_part(whole, stop, name) for name, stop in stops.items()]
 
 
 def compared_runs(path: Path, name: str) -> dict[str, dict[str, Metric]]:
@@ -170,16 +172,11 @@ def compared_runs(path: Path, name: str) -> dict[str, dict[str, Metric]]:
         BagError: the recording cannot be read, or does not contain a run.
     """
     history = recorded_run.read_run(path)
-    stops = _named_stops(history, name)
+    stops = named_stops(history, name)
     compared: dict[str, dict[str, Metric]] = {}
     if len(stops) > 1:
-        length = np.sum(np.hypot(*np.diff(history.pose[:, :2], axis=0).T))
-        compared[name] = {
-            "stops": Metric(len(stops), "1"),
-            "path_length": Metric(float(length), "m"),
-            **drift.drift_metrics(history),
-        }
-    for words, stop in stops:
+        compared[name] = drive_metrics(history, len(stops)) | drift.drift_metrics(history)
+    for words, stop in stops.items():
         compared[words] = _measured(stop) | drift.drift_metrics(stop)
     return compared
 
@@ -187,8 +184,7 @@ def compared_runs(path: Path, name: str) -> dict[str, dict[str, Metric]]:
 def _measured(
     history: RunHistory, configuration: experiment.ExperimentConfiguration | None = None
 ) -> dict[str, Metric]:
-    # The real-time factor of a recording is unknown.
-    metrics = {k: v for k, v in run_metrics(history).items() if k != "real_time_factor"}
+    metrics = stop_metrics(history)
     start = history.brake_start
     rest = None if start is None else rest_stamp(history.twist, start)
     if start is not None and any(history.assist_state):
@@ -199,13 +195,6 @@ def _measured(
         distance = metrics["stopping_distance"].value
         metrics["limit_share"] = limit_share(history, configuration, distance)
     return metrics
-
-
-def _named_stops(history: RunHistory, name: str) -> list[tuple[str, RunHistory]]:
-    stops = stops_of(history)
-    if stops[0] is history:
-        return [(name, history)]
-    return [(f"{name}/stop_{number}", stop) for number, stop in enumerate(stops, 1)]
 
 
 def _part(whole: ReportedRun, history: RunHistory, name: str) -> ReportedRun:
