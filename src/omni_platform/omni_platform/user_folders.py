@@ -14,14 +14,17 @@ def user_folder(name: str, *wanted: Path | str) -> Path:
 
     Returns:
         The first of `wanted` that can be used; otherwise a folder in the directory for temporary
-        files. All users share this directory, so the name of the folder contains the user's number.
+        files. All users share this directory, so the name of the folder contains the user's number,
+        and a folder or link of this name that another user has made is not used.
     """
-    for folder in (*wanted, Path(tempfile.gettempdir(), f"{name}_{os.getuid()}")):
+    shared = Path(tempfile.gettempdir(), f"{name}_{os.getuid()}")
+    for folder in (*wanted, shared):
         try:
             path = Path(folder).expanduser()
             path.mkdir(mode=0o700, parents=True, exist_ok=True)
+            foreign = path == shared and path.lstat().st_uid != os.getuid()
         except (OSError, RuntimeError):  # RuntimeError: the home folder is unknown
             continue
-        if os.access(path, os.W_OK | os.X_OK):
+        if os.access(path, os.W_OK | os.X_OK) and not foreign:
             return path
     return Path(tempfile.mkdtemp(prefix=f"{name}_"))

@@ -25,11 +25,25 @@ def test_without_a_usable_home_the_folder_is_private(home: str, temporary: Path)
     assert stat.S_IMODE(folder.stat().st_mode) == 0o700
 
 
-def test_a_folder_that_another_user_occupies_is_not_used(temporary: Path) -> None:
-    (temporary / f"logs_{os.getuid()}").touch()
+@pytest.mark.parametrize("kind", ["file", "folder", "link"])
+def test_what_another_user_has_made_is_not_used(
+    kind: str, temporary: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # The files of the tests then belong to another user.
+    user = os.getuid() + 1
+    monkeypatch.setattr(os, "getuid", lambda: user)
+    made = temporary / f"logs_{user}"
+    if kind == "file":
+        made.touch()
+    elif kind == "folder":
+        made.mkdir()
+        made.chmod(0o777)
+    else:
+        made.symlink_to("/tmp")
     folder = user_folder("logs")
-    assert folder.is_dir()
+    assert folder != made
     assert folder.parent == temporary
+    assert stat.S_IMODE(folder.stat().st_mode) == 0o700
 
 
 def test_the_first_usable_folder_is_used(temporary: Path, monkeypatch: pytest.MonkeyPatch) -> None:
