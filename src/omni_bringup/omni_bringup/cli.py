@@ -23,6 +23,7 @@ from omni_bringup.interruption import leave_at_once_on_signals
 from omni_bringup.workspace import Workspace, at_work, workspace_folder
 from omni_platform import command_options, configuration
 from omni_platform.exit_codes import ExitCode
+from omni_ros.environment import name_log_folder
 from omni_ros.start import start_lightly
 
 _DESCRIPTION = "Simulate, measure and tune the braking of omnidirectional vehicles."
@@ -41,6 +42,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     start_lightly()
     # Commands report implausible values as notes.
     warnings.simplefilter("ignore", configuration.ConfigurationWarning)
+    name_log_folder(os.environ)  # also for commands that use ROS in their own process
     try:
         code = _run(list(sys.argv[1:] if arguments is None else arguments))
         sys.stdout.flush()

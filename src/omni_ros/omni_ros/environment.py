@@ -74,7 +74,6 @@ def node_environment(domain: int) -> dict[str, str]:
     environment.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     environment.setdefault("FASTRTPS_DEFAULT_PROFILES_FILE", str(_PROFILE))
     environment.setdefault("PYTHONUNBUFFERED", "1")
-    name_log_folder(environment)
     return environment
 
 
