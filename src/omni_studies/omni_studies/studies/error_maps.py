@@ -20,6 +20,7 @@ from linescan_odometry.sensor import SensorOdometry
 from omni_figures import style
 from omni_loop.experiment import ExperimentLibrary
 from omni_loop.metrics import Metric
+from omni_platform.configuration import parameter
 from omni_platform.quantities import FloatArray
 from omni_platform.sensors import OVERLAP
 from omni_sim.texture.texture import GroundTexture
@@ -82,6 +83,8 @@ class _Directions(TextureOptions):
 
     ground: tuple[str, ...] = line_options.grounds_option("wood")
     noise: float = line_options.noise_option()
+    drives: int = parameter(10, minimum=1, maximum=1000)
+    """number of random drives of the odometry, each of 40 batches"""
 
 
 class _Difficult(TextureOptions):
@@ -325,33 +328,40 @@ def _odometry(
 ) -> dict[str, Metric]:
     """Return the shares of measured batches and of batches with an undetected error.
 
-    The camera of the standard experiment moves sideways over the ground. The shares are metrics,
-    keyed by name.
+    The camera of the standard experiment moves sideways over the ground, in several drives. On some
+    grounds the share of measured batches depends on the start, so its range is returned too. The
+    shares are metrics, keyed by name.
 
     Args:
         texture: the ground.
         axis: direction of the camera's axis on the ground [rad].
-        options: noise and seed.
+        options: number of drives, noise and seed.
         library: library that contains the experiment.
         key: parts of the name of the case.
     """
     configuration = library.load("straight_line").odometry
     sensor = View.of(next(iter(configuration.sensors.values()))).mounted()
-    odometry = SensorOdometry(sensor, configuration)
-    rig = Rig({"camera": sensor}, texture, options.noise, options.seed)
-    start = np.append(np.random.default_rng(options.seed).uniform(0.0, texture.size, 2), axis)
     speed, angle = view_grid.MOTION.speed, view_grid.MOTION.angle
     twist = speed * np.array([math.cos(angle), math.sin(angle), 0.0])
-    readings = [odometry.update(seen["camera"]) for seen in rig.drive(start, twist, batches=40)]
-    measured = [reading for reading in readings if reading.measured]
-    error = np.array([reading.velocity - twist[0] for reading in measured])
-    ratio = error / np.sqrt([reading.variance for reading in measured])
-    wrong = undetected(ratio, error, least=0.01 * speed)
-    case = "_".join(key)
-    return {
-        f"odometry_measured_share.{case}": Metric(len(measured) / len(readings), "1"),
-        f"odometry_wrong_share.{case}": Metric(float(np.sum(wrong)) / len(readings), "1"),
+    shares, wrong = [], []
+    for seed in range(options.seed, options.seed + options.drives):
+        odometry = SensorOdometry(sensor, configuration)
+        rig = Rig({"camera": sensor}, texture, options.noise, seed)
+        start = np.append(np.random.default_rng(seed).uniform(0.0, texture.size, 2), axis)
+        readings = [odometry.update(seen["camera"]) for seen in rig.drive(start, twist, batches=40)]
+        measured = [reading for reading in readings if reading.measured]
+        error = np.array([reading.velocity - twist[0] for reading in measured])
+        ratio = error / np.sqrt([reading.variance for reading in measured])
+        shares.append(len(measured) / len(readings))
+        wrong.append(np.sum(undetected(ratio, error, least=0.01 * speed)) / len(readings))
+    values = {
+        "odometry_measured_share": float(np.mean(shares)),
+        "odometry_measured_share_smallest": min(shares),
+        "odometry_measured_share_largest": max(shares),
+        "odometry_wrong_share": float(np.mean(wrong)),
     }
+    case = "_".join(key)
+    return {f"{name}.{case}": Metric(value, "1") for name, value in values.items()}
 
 
 _STUDIES = {

@@ -90,9 +90,9 @@ def test_surfaces_are_written_with_every_shape(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    metrics = run("texture_direction", tmp_path)
+    metrics = run("texture_direction", tmp_path, "--drives", "2")
     assert metrics["mean_error.wood_parallel"] < 1.0 < metrics["mean_error.wood_across"]
-    assert metrics["odometry_measured_share.wood_parallel"] == 1.0
+    assert metrics["odometry_measured_share_smallest.wood_parallel"] == 1.0
     for direction in ("parallel", "across"):
         assert metrics[f"odometry_wrong_share.wood_{direction}"] == 0.0
     with (tmp_path / "texture_direction.csv").open(encoding="utf-8", newline="") as file:
