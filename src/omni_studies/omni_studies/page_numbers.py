@@ -194,8 +194,8 @@ def outdated(place: Place, old: float | None, new: float | None, tolerance: floa
     """
     if old is None or new is None:
         return old is not new
-    digits = re.search(r"\.(\d+)f", place.form)
-    step = 10.0 ** -int(digits[1]) if digits else 0.0
+    printed = re.search(r"\.(\d+)([f%])", place.form)
+    step = 10.0 ** -(int(printed[1]) + 2 * (printed[2] == "%")) if printed else 0.0
     return not math.isclose(old, new, rel_tol=tolerance, abs_tol=step * 1.0001)
 
 

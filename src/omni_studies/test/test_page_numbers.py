@@ -59,6 +59,23 @@ def test_a_page_is_filled_and_old_numbers_are_found(
             "rotation.gone": None})) == code  # fmt: skip
 
 
+@pytest.mark.parametrize(
+    ("form", "old", "within", "beyond"),
+    [
+        (".0%", 0.05, 0.06, 0.0611),
+        (".1%", 0.05, 0.051, 0.0521),
+        (".0f", 5.0, 6.0, 6.11),
+        (".0%", 1.0, 0.981, 0.979),
+    ],
+)
+def test_the_last_printed_digit_may_differ_by_one(
+    form: str, old: float, within: float, beyond: float
+) -> None:
+    place = page_numbers.Place("study", "metric.case", form)
+    assert not page_numbers.outdated(place, old, within)
+    assert page_numbers.outdated(place, old, beyond)
+
+
 def test_a_number_typed_into_a_page_is_found(
     workspace: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
