@@ -24,6 +24,11 @@ def hold(browser: Chromium, code: str, *, down: bool) -> None:
     browser.call("Input.dispatchKeyEvent", type=kind, code=code)
 
 
+def press(browser: Chromium, code: str) -> None:
+    hold(browser, code, down=True)
+    hold(browser, code, down=False)
+
+
 def stop_from(browser: Chromium, speed: float, number: int) -> str:
     """Drive ahead up to a speed [m/s], brake to rest, and return the card of this stop."""
     hold(browser, "Space", down=False)
@@ -62,10 +67,13 @@ def page_of(process: subprocess.Popen[str], width: int) -> Iterator[Chromium]:
 def test_a_drive_with_keys_shows_its_stops_and_so_does_its_report(tmp_path: Path) -> None:
     recording = tmp_path / "drive"
     with drive_process(recording) as process, page_of(process, 1280) as browser:
+        assert browser.run(
+            "[...document.querySelectorAll('#choices select')].every(e => e.disabled)"
+        )
+        assert "--out" in browser.run("$('remark').textContent")
         cards = assisted_stops(browser, 1.5)
         assert browser.run("document.getElementById('ice-legend').hidden") is False
-        hold(browser, "KeyB", down=True)  # the assistant is switched off
-        hold(browser, "KeyB", down=False)
+        press(browser, "KeyB")  # the assistant is switched off
         browser.wait("document.getElementById('banner').textContent.includes('OFF')")
         cards.append(stop_from(browser, 1.5, len(cards) + 1))
         assert browser.complaints == []
@@ -119,6 +127,63 @@ def choose(browser: Chromium, kind: str, name: str) -> None:
     browser.wait("document.getElementById('banner').hidden === false && state?.pose")
 
 
+def place_of(card: str) -> tuple[float, float]:
+    """Return where the stop of a card began: x, y [m]."""
+    found = re.search(r"at \((-?[\d.]+),\s(-?[\d.]+)\)\sm", card)
+    assert found is not None, card
+    return float(found[1]), float(found[2])
+
+
+def test_a_reset_repeats_the_stop_at_its_place() -> None:
+    with drive_process() as process, page_of(process, 400) as browser:
+        first = stop_from(browser, 2.0, 1)
+        rest = browser.run("state.pose[0]")
+        assert rest > 0.5
+        press(browser, "KeyR")
+        browser.wait("resetting === null && state.pose[0] < 0.1")
+        assert browser.run("Math.hypot(...state.twist)") < 0.05
+        # The pedal is still pressed: the placed vehicle has not stopped once more.
+        again = stop_from(browser, 2.0, 2)
+        # A busy machine shows a speed later, and then the vehicle has driven farther.
+        assert max(place_of(first)[0], place_of(again)[0]) < rest
+        # A vehicle that is placed in the middle of a stop has not stopped there.
+        hold(browser, "Space", down=False)
+        hold(browser, "KeyW", down=True)
+        browser.wait("state.twist[0] > 2.0")
+        hold(browser, "KeyW", down=False)
+        hold(browser, "Space", down=True)
+        browser.wait("stop && !stop.done")
+        browser.click("#reset")
+        browser.wait("resetting === null && state.pose[0] < 0.1")
+        assert stop_from(browser, 1.0, 3)
+        assert browser.complaints == []
+
+
+def test_the_switch_is_not_lost_while_the_page_is_not_connected() -> None:
+    with drive_process() as process:
+        assert process.stdout is not None
+        url = process.stdout.readline().strip()
+        with chromium() as browser:
+            browser.show(400, 800)
+            browser.call("Page.navigate", url=url)
+            # As early as the script of the page is there; the assistant starts later.
+            browser.wait("typeof toggle === 'function'")
+            press(browser, "KeyB")
+            browser.wait("state?.assist_state === 'disabled' && !$('assist').checked")
+            browser.wait("$('pending').textContent === ''")
+            browser.run("socket.close()")
+            press(browser, "KeyB")
+            browser.wait("$('pending').textContent === 'on: pending'")
+            assert (
+                browser.run("$('assist').checked") is False
+            )  # confirmed is only what is confirmed
+            browser.wait("$('assist').checked && $('pending').textContent === ''")
+            press(browser, "KeyB")
+            browser.wait("!$('assist').checked && $('pending').textContent === ''")
+            choose(browser, "law", "allocation")
+            browser.wait("state?.assist_state === 'disabled' && !$('assist').checked")
+
+
 def brightness(color: str) -> float:
     """Return the mean of red, green and blue of ``rgb(...)``, 0..255."""
     return sum(map(int, re.findall(r"\d+", color)[:3])) / 3
@@ -133,6 +198,13 @@ def test_the_page_chooses_what_is_driven() -> None:
             choose(browser, "law", "allocation")
             assert browser.run("vehicle.wheels.length") == 3  # what was chosen before stays
             assert "assisted by allocation" in assisted_stops(browser, 2.0)[-1]
+            choose(browser, "brakes", "spring")
+            stop_from(browser, 1.0, browser.run(CARDS) + 1)
+            groups = "[...document.querySelectorAll('#stops h2')].map(e => e.textContent)"
+            assert browser.run(groups) == [
+                "three wheel robot on cork, brakes: spring",
+                "three wheel robot on cork, brakes: on off",
+            ]
             for dark in (False, True):
                 browser.show(400, 800, dark=dark)
                 assert browser.run("document.documentElement.scrollWidth") <= 400
@@ -143,7 +215,7 @@ def test_the_page_chooses_what_is_driven() -> None:
             # However many stops there are, each has its card, in a list that scrolls.
             browser.run(
                 "for (let i = 0; i < 20; i++)"
-                " $('stops').append($('stops').firstElementChild.cloneNode(true))"
+                " group().append(group().firstElementChild.cloneNode(true))"
             )
             assert browser.run("$('stops').scrollHeight > $('stops').clientHeight")
             assert browser.run(

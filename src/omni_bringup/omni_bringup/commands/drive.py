@@ -10,7 +10,6 @@ import dataclasses
 import ipaddress
 import sys
 import tempfile
-from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -24,6 +23,11 @@ if TYPE_CHECKING:
     from omni_bringup.graph.process_group import ProcessGroup
     from omni_loop.experiment import ExperimentConfiguration, ExperimentLibrary
 
+
+_RECORDED = (
+    "Fixed, because this drive is recorded (--out) and a recording contains one vehicle on one "
+    "ground. Start ./omni drive without --out to choose here."
+)
 
 # Ice is ahead of the left wheels only, so that an unassisted stop rotates the vehicle most.
 _ICE = "ground.patches.ice={x: 14.0, y: 1.5, length: 8.0, width: 3.0, friction: 0.15}"
@@ -87,9 +91,9 @@ def run(options: Options, workspace: Workspace) -> command_report.Report:
     configuration = _compose(library, options, workspace)
     if folder is not None:
         command_report.make_folder(folder).rmdir()  # the recorder makes the folder itself
+    remark = _RECORDED if folder else ""
     while True:
-        # A recording contains one vehicle on one ground, so the page then offers no choices.
-        choices = {} if folder else _choices(library, options, configuration)
+        choices = _choices(library, options, configuration) | {"remark": remark}
         with (
             interruption.clean_up_on_signals(),
             reserved_domain() as domain,
@@ -101,13 +105,13 @@ def run(options: Options, workspace: Workspace) -> command_report.Report:
                 group.start(node)
             if folder is not None:
                 write_beside_bag(configuration, folder, group.running[0])
-            for chosen in _follow(group, domain, parameters):
-                try:
-                    wanted = dataclasses.replace(options, **chosen)
-                    configuration, options = _compose(library, wanted, workspace), wanted
-                    break
-                except ConfigurationError as error:
-                    workspace.note(f"{chosen} cannot be driven: {error}")
+            chosen = _choice(group, domain, parameters)
+            try:
+                wanted = dataclasses.replace(options, **chosen)
+                configuration, options = _compose(library, wanted, workspace), wanted
+                remark = ""
+            except ConfigurationError as error:
+                remark = f"{', '.join(chosen.values())} cannot be driven: {error}"
 
 
 def _is_local(host: str) -> bool:
@@ -141,7 +145,8 @@ def _choices(
     for kind, (given, names) in offered.items():
         chosen = given or library.named(options.experiment, kind)
         found[f"choices.{kind}.chosen"] = chosen
-        found[f"choices.{kind}.names"] = names if chosen in names else [chosen, *names]
+        all_names = names if chosen in names else [chosen, *names]
+        found[f"choices.{kind}.names"] = [chosen] if options.out else all_names
     return found
 
 
@@ -181,10 +186,8 @@ def _at_full_stick(configuration: ExperimentConfiguration, speed: float) -> Expe
     return dataclasses.replace(configuration, maneuver=ManeuverConfiguration(demands=demands))
 
 
-def _follow(
-    group: ProcessGroup, domain: int, parameters: dict[str, Any]
-) -> Iterator[dict[str, Any]]:
-    """Print the address of the page, watch the nodes, and yield the choices made on the page.
+def _choice(group: ProcessGroup, domain: int, parameters: dict[str, Any]) -> dict[str, str]:
+    """Print the address of the page, watch the nodes, and return a choice made on the page.
 
     Args:
         group: processes of the nodes.
@@ -203,8 +206,8 @@ def _follow(
         group.raise_if_ended()
         for document in driver.new_reports():
             if "choose" in document:
-                yield document["choose"]
-            elif "token" not in parameters:
+                return dict(document["choose"])
+            if "token" not in parameters:
                 # Standard output contains only the address, for programs that read it.
                 print(document["url"], flush=True)
                 place, parameters["token"] = document["url"].rstrip("/").rsplit("/", 1)

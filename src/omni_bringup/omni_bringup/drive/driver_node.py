@@ -22,8 +22,11 @@ from rcl_interfaces.srv import SetParameters
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import JointState
+from std_srvs.srv import Trigger
 
+from omni_bringup.drive.confirmed_call import ConfirmedCall
 from omni_bringup.drive.demand_source import DemandSource
+from omni_bringup.drive.placement import was_placed
 from omni_bringup.drive.server import Demand, DriveServer
 from omni_platform import topics
 from omni_platform.configuration import (
@@ -41,6 +44,7 @@ from omni_sim.ground.friction import FrictionPatch
 
 _ASSISTANT = "brake_assist"  # in the namespace of this node
 _SWITCH = "enabled"
+_RESET = "simulator/reset"
 _DRIVER_COMMAND = topics.Topic("driver/cmd_vel", topics.TWIST_STAMPED, "driver")
 _PARAMETER_EVENTS = topics.Topic(
     "parameter_events", "rcl_interfaces/msg/ParameterEvent", "every node", shared=True
@@ -69,6 +73,8 @@ class DriverConfiguration(Configuration):
     """Patches of the ground that the page draws, keyed by name"""
     choices: Mapping[str, Choice] = section(dict)
     """Choices that the page offers, keyed by kind"""
+    remark: str = parameter("")
+    """Sentence that the page shows at the choices"""
     assist: bool = parameter(True)
     """Whether the brake assistant is switched on at the start"""
     max_speed: float = parameter(5.0, unit="m/s", above=0.0, maximum=50.0)
@@ -110,7 +116,11 @@ class DriverNode(Node):
             self.server = DriveServer(
                 self.source,
                 largest=(speed, speed, configuration.max_yaw_rate),
-                greeting={"vehicle": _drawing(configuration), "choices": choices},
+                greeting={
+                    "vehicle": _drawing(configuration),
+                    "choices": choices,
+                    "remark": configuration.remark,
+                },
                 receive=self._receive,
                 token=configuration.token,
                 clock=time.monotonic,
@@ -120,11 +130,22 @@ class DriverNode(Node):
             raise ConfigurationError(
                 "port", f"cannot be used at {configuration.host}: {error.strerror}"
             ) from None
-        self.state: dict[str, Any] = {"assist": configuration.assist}
+        self.state: dict[str, Any] = {"assist": configuration.assist, "reset": None, "placed": 0}
         self._pedal = qos.advertise(self, topics.DRIVER_PEDAL)
         self._command = qos.advertise(self, _DRIVER_COMMAND)
         self._assistant = f"{self.get_namespace().rstrip('/')}/{_ASSISTANT}"
-        self._assist = self.create_client(SetParameters, f"{_ASSISTANT}/set_parameters")
+        self._assist = ConfirmedCall(
+            self.create_client(SetParameters, f"{_ASSISTANT}/set_parameters"),
+            _switch_request,
+            lambda reply: all(result.successful for result in reply.results),
+            partial(self.state.__setitem__, "assist"),
+        )
+        self._reset = ConfirmedCall(
+            self.create_client(Trigger, _RESET),
+            lambda _: Trigger.Request(),
+            lambda reply: reply.success,
+            partial(self.state.__setitem__, "reset"),
+        )
         self.received = 0
         command = topics.cmd_vel(stamped=configuration.stamped_cmd_vel)
         self._receive_from(command, self._on_command, "stamped_cmd_vel")
@@ -151,18 +172,23 @@ class DriverNode(Node):
 
     def publish_demand(self) -> None:
         """Publish the present demand of the driver."""
-        demand = self.source.demand(time.monotonic())
+        now = time.monotonic()
+        self._assist.advance(now)
+        self._reset.advance(now)
+        self.state["switching"] = self._assist.wanted is not None
+        demand = self.source.demand(now)
         self.state["source"] = demand.source
         pedal = joint_state(self._stamp_ns, ("brake_pedal",), position=np.array([demand.pedal]))
         self._command.publish(planar_twist(self._stamp_ns, np.array(demand.twist)))
         self._pedal.publish(pedal)
 
     def _receive(self, demand: Demand) -> None:
-        # Before the assistant has started, its switch is ignored; the page shows the actual state.
-        switched = demand.assist is not None and demand.assist != self.state["assist"]
-        if switched and self._assist.service_is_ready():
-            given = Parameter(_SWITCH, value=demand.assist).to_parameter_msg()
-            self._assist.call_async(SetParameters.Request(parameters=[given]))
+        # The page repeats a request until the state confirms it.
+        switches = self._assist.wanted is not None or demand.assist != self.state["assist"]
+        if demand.assist is not None and switches:
+            self._assist.wanted = demand.assist
+        if demand.reset is not None and demand.reset != self.state["reset"]:
+            self._reset.wanted = demand.reset
         kind, name = demand.choose or ("", "")
         # `omni drive` restarts the nodes with the choice; names that were not offered are ignored.
         if kind in self._choices and name in self._choices[kind].names:
@@ -179,7 +205,9 @@ class DriverNode(Node):
         self.state["time"] = self._stamp_ns / 1e9
         self.state["pose"] = planar_pose_of(message.pose.pose).tolist()
         self.state["twist"] = [twist.linear.x, twist.linear.y, twist.angular.z]
-        self._poses.append((self._stamp_ns, self.state["pose"], self.state["twist"]))
+        motion = (self._stamp_ns, self.state["pose"], self.state["twist"])
+        self.state["placed"] += bool(self._poses) and was_placed(self._poses[-1], motion)
+        self._poses.append(motion)
         self._note_start()
 
     def _on_pedal(self, message: JointState) -> None:
@@ -213,6 +241,11 @@ class DriverNode(Node):
             for given in message.changed_parameters:
                 if given.name == _SWITCH:
                     self.state["assist"] = given.value.bool_value
+
+
+def _switch_request(enabled: bool) -> SetParameters.Request:
+    given = Parameter(_SWITCH, value=enabled).to_parameter_msg()
+    return SetParameters.Request(parameters=[given])
 
 
 def _drawing(configuration: DriverConfiguration) -> dict[str, Any]:

@@ -52,13 +52,15 @@ class Demand(NamedTuple):
     Attributes:
         pedal: position of the brake pedal, 0 to 1.
         stick: deflection of the stick (forward, left, counter-clockwise), each -1 to 1.
-        assist: new position of the assist switch; None if it was not changed.
+        assist: requested position of the assist switch; None if none is requested.
+        reset: identifier of a requested reset to the start; None if none is requested.
         choose: kind and name of a newly chosen item, such as a ground; None without a new choice.
     """
 
     pedal: float
     stick: Twist
     assist: bool | None = None
+    reset: int | None = None
     choose: tuple[str, str] | None = None
 
 
@@ -66,8 +68,8 @@ def parse_demand(text: str | bytes) -> Demand:
     """Return the demand in a message of the page.
 
     Args:
-        text: JSON such as ``{"pedal": 0, "stick": [1, 0, 0]}``, optionally with ``"assist": true``
-            and ``"choose": ["ground", "cork"]``.
+        text: JSON such as ``{"pedal": 0, "stick": [1, 0, 0]}``, optionally with ``"assist": true``,
+            ``"reset": 1`` and ``"choose": ["ground", "cork"]``.
 
     Raises:
         PageError: the text is not a message of this form.
@@ -76,16 +78,18 @@ def parse_demand(text: str | bytes) -> Demand:
         document = json.loads(text)
         pedal = _within(document["pedal"], 0.0)
         forward, left, turn = (_within(value, -1.0) for value in document["stick"])
-        assist, choose = document.get("assist"), document.get("choose")
+        assist, reset, choose = map(document.get, ("assist", "reset", "choose"))
     except Exception as error:  # a page may send anything
         raise PageError(f"not a demand: {type(error).__name__}") from None
     if not (assist is None or isinstance(assist, bool)):
         raise PageError("not a demand: assist")
+    if not (reset is None or type(reset) is int):
+        raise PageError("not a demand: reset")
     if choose is not None:
         if not (isinstance(choose, list) and [type(word) for word in choose] == [str, str]):
             raise PageError("not a demand: choose")
         choose = (choose[0], choose[1])
-    return Demand(pedal, (forward, left, turn), assist, choose)
+    return Demand(pedal, (forward, left, turn), assist, reset, choose)
 
 
 def _within(value: Any, lowest: float) -> float:

@@ -82,8 +82,8 @@ def test_a_cmd_vel_that_is_no_number_counts_as_none(source: DemandSource) -> Non
 
 
 def test_a_page_asks_for_no_more_than_there_is() -> None:
-    text = '{"pedal": 7, "stick": [-9, 0.5, 1], "assist": false}'
-    assert parse_demand(text) == Demand(1.0, (-1.0, 0.5, 1.0), assist=False)
+    text = '{"pedal": 7, "stick": [-9, 0.5, 1], "assist": false, "reset": 3}'
+    assert parse_demand(text) == Demand(1.0, (-1.0, 0.5, 1.0), assist=False, reset=3)
     assert parse_demand('{"pedal": 0, "stick": [0, 0, 0]}') == Demand(0.0, (0.0, 0.0, 0.0))
     chosen = parse_demand('{"pedal": 0, "stick": [0, 0, 0], "choose": ["ground", "cork"]}').choose
     assert chosen == ("ground", "cork")
@@ -103,6 +103,8 @@ def test_a_page_asks_for_no_more_than_there_is() -> None:
         '{"pedal": 0, "stick": [0, 0]}',
         '{"pedal": 0, "stick": [0, 0, Infinity]}',
         '{"pedal": 0, "stick": [0, 0, 0], "assist": 1}',
+        '{"pedal": 0, "stick": [0, 0, 0], "reset": true}',
+        '{"pedal": 0, "stick": [0, 0, 0], "reset": 1.5}',
         '{"pedal": 0, "stick": [0, 0, 0], "choose": ["ground"]}',
         '{"pedal": 0, "stick": [0, 0, 0], "choose": [1, "cork"]}',
         '{"pedal": 0, "stick": [0, 0, 0], "choose": "law"}',

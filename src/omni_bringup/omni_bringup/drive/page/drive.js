@@ -14,6 +14,11 @@ let state = null;
 let trail = [];
 let stopped = ""; // reason why this page no longer sends demands
 let choosing = ""; // name of the vehicle, ground or law that is being loaded
+// Requests are sent with each demand until the received state confirms them, also after a reconnection.
+let assist = null; // confirmed position of the assistant's switch; null until the first state is received
+let wanted = null; // requested position of the switch; null without a request
+let early = false; // whether the switch was pressed before its position was known
+let resetting = null; // identifier of the requested reset; null without a request
 
 // ---------------------------------------------------------------- inputs of the person
 
@@ -55,14 +60,28 @@ function demand() {
 }
 
 function send(more = {}) {
-  if (socket?.readyState === WebSocket.OPEN) socket.send(JSON.stringify({ ...demand(), ...more }));
+  if (socket?.readyState !== WebSocket.OPEN) return;
+  const requests = { ...(wanted !== null && { assist: wanted }), ...(resetting !== null && { reset: resetting }) };
+  socket.send(JSON.stringify({ ...demand(), ...requests, ...more }));
+}
+
+function toggle() {
+  if (assist === null) early = !early;
+  else wanted = !(wanted ?? assist);
+  send();
+}
+
+function reset() {
+  resetting = Date.now();
+  send();
 }
 
 addEventListener("keydown", (event) => {
   if (event.ctrlKey || event.altKey || event.metaKey) return;
   if (event.target instanceof HTMLSelectElement) return; // letters and arrows choose an entry of the list
   const inControl = event.target instanceof HTMLInputElement;
-  if (event.code === "KeyB" && !event.repeat && !$("assist").disabled) $("assist").click();
+  if (event.code === "KeyB" && !event.repeat) toggle();
+  if (event.code === "KeyR" && !event.repeat) reset();
   if (!(event.code in KEYS) || (inControl && event.target.type === "range" && event.code.startsWith("Arrow"))) return;
   event.preventDefault(); // the key must neither scroll nor press the focused element
   held.add(KEYS[event.code]);
@@ -98,14 +117,14 @@ $("brake").addEventListener("pointerdown", (event) => {
 for (const name of ["pointerup", "pointercancel"]) {
   $("brake").addEventListener(name, () => { held.delete("brake"); send(); });
 }
-$("assist").addEventListener("change", () => send({ assist: $("assist").checked }));
+$("assist").addEventListener("change", toggle);
+$("reset").addEventListener("click", reset);
 $("limit").addEventListener("input", () => { $("limit-value").textContent = `${$("limit").value} %`; });
 
 // ---------------------------------------------------------------- the connection
 
 function connect() {
   socket = new WebSocket(new URL("socket", location.href.replace(/^http/, "ws")));
-  socket.onopen = () => { $("assist").disabled = false; };
   socket.onmessage = (event) => {
     const message = JSON.parse(event.data);
     if (message.vehicle) {
@@ -113,43 +132,55 @@ function connect() {
       choosing = "";
       state = stop = null;
       trail = [];
+      wanted ??= assist; // nodes that were restarted begin with the switch of the experiment
       tabulate();
-      offer(message.choices);
+      offer(message.choices, message.remark);
     } else take(message);
   };
   socket.onclose = (event) => {
-    $("assist").disabled = true;
     if (event.code === 4001) stopped = "another page has taken over";
     if (!stopped) setTimeout(connect, 1000);
   };
 }
 
 // If another vehicle, ground or law is chosen, the command restarts the nodes, and this page reconnects.
-function offer(choices) {
+function offer(choices, remark) {
   const kinds = Object.entries(choices);
   $("choices").hidden = !kinds.length;
+  $("remark").textContent = remark;
   $("choices").replaceChildren(...kinds.flatMap(([kind, { chosen, names }]) => {
     const label = document.createElement("label"), list = document.createElement("select");
     label.textContent = kind[0].toUpperCase() + kind.slice(1);
     label.htmlFor = list.id = `choose-${kind}`;
-    for (const name of names) list.add(new Option(name.replaceAll("_", " "), name, false, name === chosen));
+    for (const name of names) list.add(new Option(spaced(name), name, false, name === chosen));
+    list.disabled = names.length < 2;
     list.addEventListener("change", () => {
       send({ choose: [kind, list.value] });
-      choosing = `${kind}: ${list.value.replaceAll("_", " ")} …`;
+      choosing = `${kind}: ${spaced(list.value)} …`;
       list.blur(); // the keys control the vehicle again
     });
     return [label, list];
   }));
-  law = choices.law?.chosen ?? "";
+  const named = (kind) => spaced(choices[kind]?.chosen ?? "");
+  law = named("law");
+  setup = kinds.length ? `${named("vehicle")} on ${named("ground")}, brakes: ${named("brakes")}` : "";
 }
 
+const spaced = (name) => name.replaceAll("_", " ");
+
 function take(message) {
+  const placed = state && message.placed !== state.placed; // elsewhere, for example at the start
   state = message;
+  assist = state.assist;
+  if (early) [wanted, early] = [!assist, false];
+  if (wanted === assist && !state.switching) wanted = null;
+  if (resetting === state.reset) resetting = null;
   if (!state.pose) return;
+  if (placed) stop = { done: true };
   const last = trail.at(-1);
   const [x, y] = state.pose;
   if (!last || Math.hypot(x - last.x, y - last.y) > 0.05) {
-    trail.push({ x, y, braked: state.pedal > 0 });
+    trail.push({ x, y, braked: state.pedal > 0, placed });
     if (trail.length > TRAIL) trail = trail.slice(TRAIL / 4);
   }
   if (state.twist) follow();
@@ -162,7 +193,7 @@ const MOVING = 0.3; // minimum initial speed of a counted stop [m/s]
 // As in a recording: at rest below SLOW [m/s, rad/s] until ROCKING is exceeded; a stop ends SETTLE [s] later.
 const SLOW = 0.1, ROCKING = 0.4, SETTLE = 0.5;
 const HELPS = ["assisting", "dead_reckoning", "no_release"];
-let stop = null, stops = 0, law = "";
+let stop = null, stops = 0, law = "", setup = "";
 
 // A stop begins when the pedal is pressed in motion and ends at rest with the pedal still pressed.
 // A stopped vehicle rocks on its tires by some centimeters, so the distance is measured after that.
@@ -192,13 +223,24 @@ function card(distance) {
   const helped = stop.helped / stop.states;
   const row = document.createElement("li");
   row.className = helped > 0.2 ? "helps" : "";
-  const how = helped > 0.2 ? `assisted ${law && `by ${law.replaceAll("_", " ")}`}` : "unassisted";
+  const how = helped > 0.2 ? `assisted ${law && `by ${law}`}` : "unassisted";
+  const [x, y] = stop.pose.map((value) => (Math.round(10 * value) / 10 + 0).toFixed(1)); // -0 + 0 is 0
   const words = [`Stop ${stops += 1}: ${how}`,
-    `from ${stop.speed.toFixed(1)} m/s in ${(stop.rest - stop.time).toFixed(1)} s`];
+    `from ${stop.speed.toFixed(1)}\u00a0m/s in ${(stop.rest - stop.time).toFixed(1)}\u00a0s at (${x},\u00a0${y})\u00a0m`];
   const numbers = document.createElement("b");
   numbers.textContent = `${length(distance)}, ${Math.abs(stop.turned * 180 / Math.PI).toFixed(1)}°`;
   row.append(words[0], numbers, words[1]);
-  $("stops").prepend(row);
+  group().prepend(row);
+}
+
+// Stops can be compared only if vehicle, ground and brakes are equal, so each change of them begins a list.
+function group() {
+  if ($("stops").firstElementChild?.textContent !== setup) {
+    const heading = document.createElement("h2");
+    heading.textContent = setup;
+    $("stops").prepend(heading, document.createElement("ol"));
+  }
+  return $("stops").querySelector("ol");
 }
 
 const radians = (degrees) => degrees * Math.PI / 180;
@@ -224,7 +266,7 @@ const BANNERS = {
 
 function announce() {
   const name = state.assist_state ?? "", banner = $("banner");
-  const words = BANNERS[name] ?? `${name.replaceAll("_", " ").toUpperCase()}: all brakes on`;
+  const words = BANNERS[name] ?? `${spaced(name).toUpperCase()}: all brakes on`;
   const className = HELPS.includes(name) ? "helps" : name in BANNERS ? "" : "fault";
   if (banner.hidden === !name && banner.dataset.words === words + state.assist_reason) return;
   banner.hidden = !name;
@@ -247,7 +289,11 @@ const WORDS = { rolling: "○ off", braking: "● acts", released: "◌ released
 
 function write() {
   $("notice").textContent = stopped || choosing || (socket?.readyState !== WebSocket.OPEN ? "not connected: the vehicle brakes"
-    : document.hidden ? "hidden: the vehicle brakes" : !state?.pose ? "waiting for the vehicle …" : "");
+    : document.hidden ? "hidden: the vehicle brakes" : !state?.pose ? "waiting for the vehicle …"
+    : resetting !== null ? "back to the start …" : "");
+  $("assist").checked = assist;
+  $("assist").indeterminate = assist === null;
+  $("pending").textContent = early ? "pending" : wanted !== null ? `${wanted ? "on" : "off"}: pending` : "";
   $("banner").style.visibility = $("notice").textContent ? "hidden" : ""; // the banner shows an old state
   $("brake").classList.toggle("down", held.has("brake"));
   if (!state?.pose || !vehicle) return;
@@ -257,9 +303,8 @@ function write() {
   $("time").textContent = state.time.toFixed(1);
   $("source").textContent = { page: "this page", cmd_vel: "cmd_vel", none: "none: full braking" }[state.source] ?? "–";
   $("pedal").style.width = `${100 * (state.pedal ?? 0)}%`;
-  $("assist").checked = state.assist;
   announce();
-  $("assist-state").textContent = `${(state.assist_state ?? "").replaceAll("_", " ")}: ${state.assist_reason ?? ""}`;
+  $("assist-state").textContent = `${spaced(state.assist_state ?? "")}: ${state.assist_reason ?? ""}`;
   vehicle.wheels.forEach((_, index) => {
     const cells = $("wheels").rows[index].cells;
     const share = state.enable?.[index] ?? 1, condition = brakeState(index);
@@ -300,6 +345,7 @@ function draw() {
   pen.stroke();
   pen.lineWidth = 0.05;
   for (let i = 1; i < trail.length; i += 1) {
+    if (trail[i].placed) continue;
     const from = trail[i - 1], to = trail[i];
     pen.strokeStyle = color(to.braked ? "braking" : "rolling");
     pen.beginPath();
