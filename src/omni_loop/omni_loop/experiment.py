@@ -259,6 +259,15 @@ class ExperimentLibrary:
         """
         return yaml_files.plain(self._resolve({"vehicle": name})["vehicle"])
 
+    def tire(self, name: str) -> TireConfiguration:
+        """Return the tire in a file in ``tires/`` or at a path, whether or not it fits a vehicle.
+
+        Raises:
+            ConfigurationError: the name, a key or a value is invalid.
+        """
+        tree = self._resolve({"tire": name}, "vehicle")
+        return declared.from_mapping(TireConfiguration, tree["tire"], "tire")
+
     def sensors(self, name: str) -> Mapping[str, LineSensor]:
         """Return the line cameras in a file, keyed by name; they need not suffice for a twist.
 

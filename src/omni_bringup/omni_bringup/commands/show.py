@@ -30,7 +30,8 @@ class Options(CommandOptions):
     name: str = option(positional=True, metavar="NAME")
     """name from ./omni list, a path that ends in .yaml, or the folder of a vehicle"""
     kind: str | None = option(None, metavar="KIND", choices=EVERY)
-    """kind of the item; required for a path. Without it, the first item with this name is shown"""
+    """kind of the item (default: that of the first item with this name; for a path, the kind to
+    which the keys of the file belong)"""
     out: Path | None = option(None, metavar="FILE")
     """file of the figure (default: results/show/NAME.png)"""
 
@@ -65,10 +66,7 @@ def _find(options: Options, workspace: Workspace) -> tuple[str, Path]:
     if folder != options.name:
         return options.kind or "vehicles", Path(folder)
     if options.name.endswith(".yaml"):
-        if options.kind not in KINDS:
-            problem = f"the kind of {options.name} is required: one of {', '.join(KINDS)}"
-            raise configuration.ConfigurationError("--kind", problem)
-        return options.kind, Path(options.name)
+        return _kind_of(options), Path(options.name)
     kinds = [kind for kind in KINDS if options.kind in (None, kind)]
     found = [
         (kind, path)
@@ -88,6 +86,23 @@ def _find(options: Options, workspace: Workspace) -> tuple[str, Path]:
     for kind, _ in found[1:]:
         workspace.note(f"--kind {kind} shows the other item of this name")
     return found[0]
+
+
+def _kind_of(options: Options) -> str:
+    """Return the kind of a file: the given kind, or the one to which its keys belong."""
+    from omni_loop.file_kinds import possible_kinds
+    from omni_loop.yaml_files import read_mapping
+
+    if options.kind in KINDS:
+        return options.kind
+    kinds = possible_kinds(read_mapping(Path(options.name), "NAME"))
+    if len(kinds) != 1:
+        found = (
+            f"its keys belong to {' and '.join(kinds)}" if kinds else "none of its keys is known"
+        )
+        problem = f"the kind of {options.name} is required, because {found}: one of"
+        raise configuration.ConfigurationError("--kind", f"{problem} {', '.join(KINDS)}")
+    return kinds[0]
 
 
 def _described(kind: str, options: Options) -> Report:
