@@ -145,10 +145,7 @@ def _print_part(part: Any) -> None:
         print(part)
         return
     from rich.console import Console
-    from rich.table import Table
 
-    if isinstance(part, Table):
-        part.columns[0].no_wrap = True  # keeps names on one line
     Console().print(part)
 
 

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 from omni_platform.configuration import ConfigurationError
 
 if TYPE_CHECKING:
-    from rich.table import Table
+    from omni_figures.tables.wrapped_table import WrappedTable
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -81,24 +81,28 @@ def estimate(value: float, unit: str, error: float, *, bounded: bool = False) ->
     return entry | ({"note": "on its bound"} if bounded else {})
 
 
-def estimate_table(metrics: Mapping[str, Mapping[str, Any]]) -> Table:
+def estimate_table(metrics: Mapping[str, Mapping[str, Any]]) -> WrappedTable:
     """Return a table of estimates with standard errors and, if known, the configured values."""
-    from rich.table import Table
+    from omni_figures.tables.wrapped_table import WrappedTable
+    from omni_tools.vehicles.plausibility import plain
 
-    described = any("described" in entry for entry in metrics.values())
-    heads = ["quantity", "unit", "value", "standard error", *(["described"] if described else [])]
-    table = Table(*heads, pad_edge=False)
-    for key, entry in metrics.items():
-        if "standard_error" in entry:
-            quantity, case = key.split(".")
-            words = quantity.replace("_", " ") + ("" if case == "all" else f", {case}")
-            error = entry["standard_error"]
-            cells = ["" if error is None else f"{error:.2g}", entry.get("note", "")]
-            found = f"{entry['value']:.6g}"
-            row = [words, entry["unit"], found, ", ".join(filter(None, cells))]
-            row += [f"{entry['described']:.5g}"] if "described" in entry else []
-            table.add_row(*row)
-    return table
+    shown = {key: entry for key, entry in metrics.items() if "standard_error" in entry}
+    cases = {key.partition(".")[2] for key in shown}
+    quantities, errors = [], []
+    for key, entry in shown.items():
+        quantity, _, case = key.partition(".")
+        of_case = "" if case == "all" or len(cases) == 1 else f", {case}"
+        quantities.append(quantity.replace("_", " ") + of_case)
+        error = entry["standard_error"]
+        parts = ("" if error is None else plain(error, 2), entry.get("note", ""))
+        errors.append(", ".join(filter(None, parts)))
+    names = {"quantity": quantities, "unit": [entry["unit"] for entry in shown.values()]}
+    values = [f"{entry['value']:.6g}" for entry in shown.values()]
+    numbers = {"value": values, "standard error": errors}
+    if any("described" in entry for entry in shown.values()):
+        described = (entry.get("described") for entry in shown.values())
+        numbers["described"] = ["" if one is None else f"{one:.5g}" for one in described]
+    return WrappedTable(names, numbers)
 
 
 def make_folder(folder: Path) -> Path:

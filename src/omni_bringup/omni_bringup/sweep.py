@@ -9,8 +9,7 @@ from omni_bringup.command_report import Report, make_folder
 from omni_bringup.workspace import Workspace
 
 if TYPE_CHECKING:
-    from rich.table import Table
-
+    from omni_figures.tables.wrapped_table import WrappedTable
     from omni_loop.experiment import ExperimentConfiguration
     from omni_loop.sweep import SweptRun
 
@@ -68,24 +67,17 @@ def run_sweep(
     )
 
 
-def _table(runs: Sequence[SweptRun]) -> Table:
-    from rich import box
-    from rich.markup import escape
-    from rich.table import Table
+def _table(runs: Sequence[SweptRun]) -> WrappedTable:
+    from omni_figures.tables.comparison_table import in_readable_unit, metric_cell
+    from omni_figures.tables.wrapped_table import WrappedTable
+    from omni_loop.sweep import SHOWN, short_keys
 
-    from omni_figures.tables.comparison_table import in_small_units, metric_label, metric_number
-    from omni_loop.sweep import SHOWN
-
-    table = Table(pad_edge=False, box=box.SIMPLE_HEAD)
-    for key in runs[0].values:
-        table.add_column(key.replace(".", ".\n"), justify="right", overflow="fold")
-    table.add_column("variant")
-    columns = []
-    for quantity in SHOWN:
-        unit, entries = in_small_units([run.metrics[quantity] for run in runs])
-        columns.append(["-" if one is None else metric_number(one.value, unit) for one in entries])
-        label = metric_label(quantity).replace(" ", "\n")
-        table.add_column(f"{label}\n{escape(f'[{unit}]')}", justify="right", overflow="fold")
-    for run, *numbers in zip(runs, *columns, strict=True):
-        table.add_row(*run.values.values(), run.variant, *numbers)
-    return table
+    short = short_keys(runs[0].values)
+    names = {short[key]: [run.values[key] for run in runs] for key in short}
+    if len({run.variant for run in runs}) > 1:
+        names["variant"] = [run.variant for run in runs]
+    numbers = {}
+    for quantity, label in SHOWN.items():
+        unit, entries = in_readable_unit([run.metrics[quantity] for run in runs])
+        numbers[f"{label}\n[{unit}]"] = [metric_cell(entry) for entry in entries]
+    return WrappedTable(names, numbers)

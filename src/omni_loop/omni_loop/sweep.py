@@ -19,8 +19,13 @@ from omni_platform.configuration import ConfigurationError
 MOST = 1000
 """Limit on the number of runs of a sweep."""
 
-SHOWN = ("stopping_distance", "orientation_change", "lateral_deviation", "stopping_time")
-"""Quantities that the table and the figure of a sweep show."""
+SHOWN = {
+    "stopping_distance": "distance",
+    "orientation_change": "rotation",
+    "lateral_deviation": "deviation",
+    "stopping_time": "time",
+}
+"""Short label of each quantity in the table of a sweep; the figure shows the same quantities."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -60,6 +65,18 @@ def combinations(overrides: Iterable[str]) -> Iterator[tuple[dict[str, str], tup
         raise ConfigurationError("--set", f"gives {count} combinations, more than {MOST}")
     for chosen in itertools.product(*choices):
         yield {key: one for key, one, _ in chosen if key}, tuple(text for *_, text in chosen)
+
+
+def short_keys(keys: Iterable[str]) -> dict[str, str]:
+    """Return the shortest unambiguous end of each dotted key, such as ``mass``, keyed by key."""
+    parts = {key: key.split(".") for key in keys}
+    short = {}
+    for key, own in parts.items():
+        others = [other for name, other in parts.items() if name != key]
+        counts = range(1, len(own) + 1)
+        count = next((n for n in counts if all(o[-n:] != own[-n:] for o in others)), len(own))
+        short[key] = ".".join(own[-count:])
+    return short
 
 
 def sweep(

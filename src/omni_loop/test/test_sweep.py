@@ -11,7 +11,7 @@ from omni_bringup.cli import main
 from omni_loop.compiled import run_fast_loop
 from omni_loop.experiment import ExperimentLibrary
 from omni_loop.options import is_swept
-from omni_loop.sweep import combinations
+from omni_loop.sweep import combinations, short_keys
 from omni_platform.configuration import ConfigurationError
 
 CONFIG = Path(__file__).resolve().parents[3] / "config"
@@ -74,3 +74,14 @@ def test_a_mistake_is_refused_before_anything_runs(
     assert ended.value.code == 2
     assert "vehicle.load.mass" in capfd.readouterr().err
     assert not (tmp_path / "sweep").exists()
+
+
+def test_a_key_is_shortened_as_far_as_it_is_unambiguous() -> None:
+    keys = ("vehicle.load.mass", "vehicle.body.mass", "brake_assist.k", "ground")
+    assert short_keys(keys) == {
+        "vehicle.load.mass": "load.mass",
+        "vehicle.body.mass": "body.mass",
+        "brake_assist.k": "k",
+        "ground": "ground",
+    }
+    assert short_keys(("k", "brake_assist.k")) == {"k": "k", "brake_assist.k": "brake_assist.k"}

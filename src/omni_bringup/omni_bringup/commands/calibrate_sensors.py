@@ -135,18 +135,19 @@ def _yaml(found: Mapping[str, Calibration]) -> str:
 
 
 def _text(found: Mapping[str, Calibration]) -> Iterator[Any]:
-    from rich.table import Table
+    from omni_figures.tables.wrapped_table import WrappedTable
 
-    table = Table(
-        "camera", "quantity", "unit", "nominal", "found", "standard error", pad_edge=False
-    )
+    cells = []
     for name, one in found.items():
         for row in _rows(one):
             scale, unit = (1e3, "mm") if row.unit == "m" else (1.0, row.unit)
             before, after = f"{scale * row.nominal:.6g}", f"{scale * row.found:.6g}"
             words = row.quantity.replace("_", " ")
-            table.add_row(name, words, unit, before, after, f"{scale * row.error:.2g}")
-    yield table
+            cells.append((name, words, unit, before, after, f"{scale * row.error:.2g}"))
+    headings = ("camera", "quantity", "unit", "nominal", "found", "standard error")
+    columns = dict(zip(headings, map(list, zip(*cells, strict=True)), strict=True))
+    names = {heading: columns.pop(heading) for heading in headings[:3]}
+    yield WrappedTable(names, columns)
     yield from (f"{name}: {words}" for name, one in found.items() for words in _remarks(one))
 
 

@@ -61,15 +61,17 @@ def run(options: Options, workspace: Workspace) -> Report:
 def _text(
     task: DesignTask, result: Design, driven: Mapping[str, PlacementTrial], conditions: str
 ) -> Iterator[Any]:
-    from rich.table import Table
-
     from omni_figures.tables.comparison_table import ComparisonTable
+    from omni_figures.tables.wrapped_table import WrappedTable
     from omni_tools.placement.report import column, findings
 
-    sensors = Table("sensor", r"x \[m]", r"y \[m]", r"heading \[deg]", pad_edge=False)
-    for name, sensor in result.best.sensors.items():
-        sensors.add_row(name, f"{sensor.x:.3f}", f"{sensor.y:.3f}", f"{sensor.heading_deg:.0f}")
-    yield sensors
+    sensors = result.best.sensors
+    columns = {
+        "x [m]": [f"{sensor.x:.3f}" for sensor in sensors.values()],
+        "y [m]": [f"{sensor.y:.3f}" for sensor in sensors.values()],
+        "heading [deg]": [f"{sensor.heading_deg:.0f}" for sensor in sensors.values()],
+    }
+    yield WrappedTable({"sensor": list(sensors)}, columns)
     yield ComparisonTable(
         {
             placement.name: column(placement, driven.get(placement.name), result.criterion.gyration)

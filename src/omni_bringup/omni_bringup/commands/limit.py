@@ -16,8 +16,7 @@ from omni_platform.command_options import CommandOptions, option, overrides_opti
 from omni_platform.configuration import ConfigurationError
 
 if TYPE_CHECKING:
-    from rich.table import Table
-
+    from omni_figures.tables.wrapped_table import WrappedTable
     from omni_loop.experiment import ExperimentLibrary
     from omni_sim.configuration import GroundConfiguration
     from omni_sim.vehicle.configuration import VehicleConfiguration
@@ -136,21 +135,22 @@ def _question(options: Options, library: ExperimentLibrary) -> tuple[str, Load]:
 
 def _forces(
     vehicle: VehicleConfiguration, ground: GroundConfiguration, maneuver: Maneuver
-) -> Table:
+) -> WrappedTable:
     """Return a table of the wheel forces at the largest deceleration without rotation.
 
     The friction is that of the ground without its patches.
     """
     import numpy as np
-    from rich.table import Table
 
+    from omni_figures.tables.wrapped_table import WrappedTable
     from omni_tools.limit.forces import Case, LimitVehicle
 
     velocity = maneuver.twist[:2]
     case = Case(np.full(len(vehicle.wheels), ground.friction), straight=True)
     best = LimitVehicle(vehicle).strongest(velocity / math.hypot(*velocity), case)
-    table = Table("strongest deceleration", "force [N]", "load [N]", pad_edge=False)
-    if best is not None:
-        for wheel, force, load in zip(vehicle.wheels, best.force, best.load, strict=True):
-            table.add_row(wheel.replace("_", " "), f"{abs(force):.0f}", f"{load:.0f}")
-    return table
+    wheels = [] if best is None else [wheel.replace("_", " ") for wheel in vehicle.wheels]
+    columns = {} if best is None else {"force": np.abs(best.force), "load": best.load}
+    return WrappedTable(
+        {"strongest deceleration": wheels},
+        {f"{name} [N]": [f"{value:.0f}" for value in own] for name, own in columns.items()},
+    )

@@ -6,7 +6,7 @@ Compute the figures and numbers of a study; ./omni study NAME --help explains th
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,6 +15,8 @@ from omni_bringup.workspace import Workspace
 from omni_platform.command_options import CommandOptions, option
 
 if TYPE_CHECKING:
+    from omni_figures.tables.wrapped_table import WrappedTable
+    from omni_loop.metrics import Metric
     from omni_studies.study import Study, StudyResult
 
 PACKAGE = "omni_studies.studies"
@@ -67,37 +69,66 @@ class _StudyCommand:
 
 
 def _text(result: StudyResult) -> Iterator[Any]:
-    """Yield a table of the metrics, the findings, and the number of limits and claims that are met.
+    """Yield tables of the metrics, the findings, and the number of limits and claims that are met.
 
-    The table is grouped by quantity, so that long names of metrics fit.
+    Quantities that have the same cases and no limits share a table, with a row for each case. The
+    other metrics have a row each, grouped by quantity, so that long names of metrics fit.
     """
-    from rich import box
-    from rich.table import Table
-    from rich.text import Text
-
-    table = Table(box=box.SIMPLE_HEAD, show_edge=False, pad_edge=False, padding=(0, 1, 0, 0))
-    table.add_column("quantity and case", overflow="fold")
-    metrics = result.metrics.values()
-    kinds = ("value", "reference", "at_least", "at_most")
-    shown = [kind for kind in kinds if any(getattr(m, kind) is not None for m in metrics)]
-    for kind in shown:
-        table.add_column(kind, justify="right", no_wrap=True)
-    table.add_column("status" if any(metric.status for metric in metrics) else "", no_wrap=True)
-    groups: dict[str, list[str]] = {}
+    groups: dict[str, dict[str, Metric]] = {}
     for name, metric in result.metrics.items():
-        quantity = name.partition(".")[0] + ("" if metric.unit == "1" else f" [{metric.unit}]")
-        groups.setdefault(quantity, []).append(name)
-    for quantity, names in groups.items():
-        table.add_row(Text(quantity))
-        for name in names:
-            metric = result.metrics[name]
-            numbers = (getattr(metric, kind) for kind in shown)
-            cells = ["" if n is None else f"{n:.4g}" for n in numbers]
-            style = "bold red" if metric.status == "missed" else ""
-            table.add_row(f"  {name.partition('.')[2]}", *cells, metric.status, style=style)
-    yield table
+        quantity, _, case = name.partition(".")
+        unit = "" if metric.unit == "1" else f" [{metric.unit}]"
+        groups.setdefault(quantity + unit, {})[case] = metric
+    plain: dict[tuple[str, ...], dict[str, dict[str, Metric]]] = {}
+    listed: dict[str, dict[str, Metric]] = {}
+    for quantity, cases in groups.items():
+        limited = any(one.status or one.reference is not None for one in cases.values())
+        shared = sum(one.keys() == cases.keys() for one in groups.values()) > 1
+        if limited or len(cases) < 2 or not shared:
+            listed[quantity] = cases
+        else:
+            plain.setdefault(tuple(cases), {})[quantity] = cases
+    for names, quantities in plain.items():
+        yield _side_by_side(names, quantities)
+    if listed:
+        yield _one_below_the_other(listed)
     yield from result.findings
     yield from map(str, result.claims)
-    checked = sum(bool(metric.status) for metric in metrics) + len(result.claims)
+    checked = sum(bool(metric.status) for metric in result.metrics.values()) + len(result.claims)
     if checked:
         yield f"{checked - len(result.missed)} of {checked} limits and claims are met"
+
+
+def _side_by_side(
+    names: Sequence[str], quantities: Mapping[str, Mapping[str, Metric]]
+) -> WrappedTable:
+    """Return a table with a row for each case and a column for each quantity."""
+    from omni_figures.tables.wrapped_table import WrappedTable
+
+    numbers = {
+        quantity.replace("_", "\n").replace(" ", "\n"): [f"{cases[n].value:.4g}" for n in names]
+        for quantity, cases in quantities.items()
+    }
+    return WrappedTable({"case": names}, numbers)
+
+
+def _one_below_the_other(groups: Mapping[str, Mapping[str, Metric]]) -> WrappedTable:
+    """Return a table with a row for each metric, and columns for its reference and limits."""
+    from omni_figures.tables.wrapped_table import WrappedTable
+
+    rows: list[tuple[str, Metric | None]] = []
+    for quantity, cases in groups.items():
+        rows.append((quantity, None))
+        rows += [(f"  {case}", metric) for case, metric in cases.items()]
+    columns = {}
+    for kind in ("value", "reference", "at_least", "at_most", "status"):
+        entries = [metric and getattr(metric, kind) for _, metric in rows]
+        if any(entry not in (None, "") for entry in entries):
+            columns[kind] = [
+                entry if isinstance(entry, str) else "" if entry is None else f"{entry:.4g}"
+                for entry in entries
+            ]
+    styles = [
+        "bold red" if metric is not None and metric.status == "missed" else "" for _, metric in rows
+    ]
+    return WrappedTable({"quantity and case": [name for name, _ in rows]}, columns, styles)

@@ -41,6 +41,27 @@ def test_a_table_of_80_columns_breaks_no_name_of_a_case() -> None:
     ]
 
 
+def test_quantities_of_the_same_cases_share_a_table_with_a_row_for_each_case() -> None:
+    cases = [f"my_robot_{source}_{law}" for source in ("otos", "lines") for law in ("a", "b")]
+    metrics = {
+        f"{quantity}.{case}": Metric(float(index), "deg")
+        for quantity in ("rotation", "rotation_unassisted")
+        for index, case in enumerate(cases)
+    }
+    lines = printed(StudyResult(metrics))
+    rows = [line.split() for line in lines if line.startswith("my_robot")]
+    assert rows == [[case, str(index), str(index)] for index, case in enumerate(cases)]
+
+
+def test_a_long_reference_and_a_status_are_whole_at_80_columns() -> None:
+    case = "a_case_of_a_vehicle_with_a_long_name_on_a_ground_with_an_even_longer_name"
+    metric = Metric(12.3456, "m", reference=11.98765, at_least=0.125, at_most=10.0)
+    lines = printed(StudyResult({f"stopping_distance.{case}": metric}))
+    assert max(map(len, lines)) <= 80
+    words = " ".join(lines).split()
+    assert {"12.35", "11.99", "0.125", "10", "missed", "status"} <= set(words)
+
+
 def test_a_limit_or_a_claim_is_missed_and_what_holds_is_not() -> None:
     held, broken = Metric(1.0, "1", at_most=2.0), Metric(3.0, "1", at_most=2.0)
     assert StudyResult({"x.a": held}, claims=(Claim("it holds", held),)).missed == []

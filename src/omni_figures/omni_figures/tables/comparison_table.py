@@ -12,11 +12,12 @@ from rich.console import Console, ConsoleOptions
 from rich.table import Table
 from rich.text import Text
 
+from omni_figures.tables.wrapped_table import name_parts, wrapped_name
+from omni_figures.units import readable_unit
 from omni_loop.metrics import Metric
 
 _DECIMALS = {"m": 2, "mm": 0, "deg": 1, "s": 2, "rad/s": 3, "m/s": 3}
 _BEFORE_REFERENCE = re.compile(r" (?=\()")  # where a cell may wrap
-_NAME_PART = re.compile(r".[^/_ -]*[/_ -]?")  # a heading may wrap after each part
 
 
 @dataclasses.dataclass(frozen=True)
@@ -36,8 +37,8 @@ class ComparisonTable:
     metrics_by_variant: Mapping[str, Mapping[str, Metric]]
     title: str | None = None
 
-    def __rich_console__(self, console: Console, options: ConsoleOptions) -> Iterator[Table]:
-        """Yield tables that fit the width of the console."""
+    def __rich_console__(self, console: Console, options: ConsoleOptions) -> Iterator[Table | Text]:
+        """Yield tables that fit the width of the console, and the notes below them."""
         title = self.title
         left = list(self.metrics_by_variant)
         while left:
@@ -52,6 +53,13 @@ class ComparisonTable:
             yield table
             title = None
             left = left[count:]
+        notes = (
+            f"{variant}: {metric.note}"
+            for variant, metrics in self.metrics_by_variant.items()
+            for metric in metrics.values()
+            if metric.note
+        )
+        yield from map(Text, dict.fromkeys(notes))
 
 
 def _table(
@@ -67,14 +75,13 @@ def _table(
     table = Table(
         title=None if title is None else Text(title),
         title_justify="left",
-        caption_justify="left",
         box=box.SIMPLE_HEAD,
         pad_edge=False,
     )
     variants = metrics_by_variant.values()
     # Each quantity appears once, in the order in which the variants list it.
     rows = {
-        metric_label(quantity): in_small_units([metrics.get(quantity) for metrics in variants])
+        metric_label(quantity): in_readable_unit([metrics.get(quantity) for metrics in variants])
         for quantity in dict.fromkeys(key for metrics in variants for key in metrics)
     }
     words = [word for label in rows for word in label.split()]
@@ -83,45 +90,25 @@ def _table(
     for place, variant in enumerate(metrics_by_variant):
         cells = [_cell(entries[place]).plain for _, entries in rows.values()]
         parts = [part for cell in cells for part in _BEFORE_REFERENCE.split(cell)]
-        whole = (*_NAME_PART.findall(variant), *parts) if wraps else (variant, *cells)
+        whole = (*name_parts(variant), *parts) if wraps else (variant, *cells)
         width = max(map(len, whole), default=1)
-        heading = _wrapped(variant, width)
+        heading = wrapped_name(variant, width)
         table.add_column(heading, justify="right", overflow="fold", width=width)
     for label, (unit, entries) in rows.items():
         table.add_row(Text(label), "" if unit == "1" else unit, *map(_cell, entries))
-    notes = {
-        f"{variant}: {metric.note}": None
-        for variant, metrics in metrics_by_variant.items()
-        for metric in metrics.values()
-        if metric.note
-    }
-    if notes:
-        table.caption = Text("\n".join(notes))
     return table
 
 
-def _wrapped(name: str, width: int) -> Text:
-    """Return a heading with line breaks between its parts, at most `width` characters per line."""
-    lines = [""]
-    for part in _NAME_PART.findall(name):
-        if len(lines[-1]) + len(part) > width:
-            lines.append("")
-        lines[-1] += part
-    return Text("\n".join(lines))
-
-
-def in_small_units(entries: Sequence[Metric | None]) -> tuple[str, list[Metric | None]]:
-    """Return the unit and the entries of a row, in millimeters if all are lengths below 0.2 m.
+def in_readable_unit(entries: Sequence[Metric | None]) -> tuple[str, list[Metric | None]]:
+    """Return the unit and the entries of a row, in a unit that suits their magnitude.
 
     Args:
         entries: entry of each column; None if the variant of the column does not have the quantity.
     """
     known = [entry for entry in entries if entry is not None]
-    unit = known[0].unit if known else ""
-    lengths = [abs(entry.value) for entry in known if math.isfinite(entry.value)]
-    if unit != "m" or not lengths or not 0.0 < max(lengths) < 0.2:
-        return unit, list(entries)
-    return "mm", [None if entry is None else _times(entry, 1000.0, "mm") for entry in entries]
+    given = known[0].unit if known else ""
+    unit, factor = readable_unit(given, (entry.value for entry in known))
+    return unit, [None if entry is None else _times(entry, factor, unit) for entry in entries]
 
 
 def _times(metric: Metric, factor: float, unit: str) -> Metric:
@@ -143,15 +130,20 @@ def metric_label(quantity: str) -> str:
 
 
 def _cell(metric: Metric | None) -> Text:
+    missed = metric is not None and metric.status == "missed"
+    return Text(metric_cell(metric), style="bold red" if missed else "")
+
+
+def metric_cell(metric: Metric | None) -> str:
+    """Return the text of a cell: the value, ``!`` if it misses its limit, and the reference."""
     if metric is None or not math.isfinite(metric.value):
-        return Text("-")
+        return "-"
     words = metric_number(metric.value, metric.unit)
-    missed = metric.status == "missed"
-    if missed:
+    if metric.status == "missed":
         words += " !"
     if metric.reference is not None:
         words += f" ({metric_number(metric.reference, metric.unit)})"
-    return Text(words, style="bold red" if missed else "")
+    return words
 
 
 def metric_number(value: float, unit: str) -> str:

@@ -43,6 +43,12 @@ def test_values_stand_below_their_variants_in_order() -> None:
     assert "unassisted: the odometry measured nothing" in lines
 
 
+def test_notes_use_the_width_of_the_terminal() -> None:
+    note = "one remark of several words that a narrow table must not wrap"
+    metrics = {"a": {"time": Metric(math.nan, "s", note=note)}}
+    assert f"a: {note}" in printed(metrics)
+
+
 @pytest.mark.parametrize("variants", [1, 3, 5])
 def test_fits_a_narrow_terminal(variants: int) -> None:
     names = [f"enhanced_k{index}" for index in range(variants)]

@@ -48,9 +48,9 @@ class WheelFacts:
     brake_force: float
 
 
-def plain(value: float) -> str:
-    """Return a number as text with three significant digits; large ones without an exponent."""
-    words = f"{value:.3g}"
+def plain(value: float, digits: int = 3) -> str:
+    """Return a number as text with some significant digits; large ones without an exponent."""
+    words = f"{value:.{digits}g}"
     return f"{float(words):.0f}" if "e+" in words else words
 
 

@@ -29,7 +29,7 @@ from numpy.typing import ArrayLike
 
 from omni_figures import style
 from omni_figures.scene import Scene
-from omni_figures.tables.comparison_table import in_small_units, metric_label, metric_number
+from omni_figures.tables.comparison_table import in_readable_unit, metric_label, metric_number
 from omni_loop.history import RunHistory
 from omni_platform.geometry import PlatformGeometry, turned
 from omni_platform.quantities import FloatArray
@@ -171,7 +171,7 @@ def _scene(scene: Scene, wheel_names: Sequence[str]) -> dict[str, Any]:
 def _metrics(runs: Sequence[recording.ReportedRun]) -> list[dict[str, Any]]:
     rows = []
     for quantity in dict.fromkeys(key for run in runs for key in run.metrics):
-        unit, entries = in_small_units([run.metrics.get(quantity) for run in runs])
+        unit, entries = in_readable_unit([run.metrics.get(quantity) for run in runs])
         values = [
             metric_number(entry.value, entry.unit) if entry and math.isfinite(entry.value) else None
             for entry in entries
