@@ -14,6 +14,7 @@ from omni_bringup.command_report import Report, estimate, estimate_table, write_
 from omni_bringup.workspace import Workspace
 from omni_platform import configuration
 from omni_platform.command_options import CommandOptions, option
+from omni_platform.units import unit_of
 
 if TYPE_CHECKING:
     from omni_tools.tires.data import TireData
@@ -57,6 +58,7 @@ def run(options: Options, workspace: Workspace) -> Report:
         metrics=metrics,
         text=(
             estimate_table(metrics),
+            f"from the loads of the data: {_given(fit, options.model)}",
             f"{data.slip.size} rows, differences of {fit.residual:.3g} N",
         ),
         files=(tire, save_figure(figure, folder.resolve() / f"{name}.png")),
@@ -73,7 +75,9 @@ def _entries(fit: TireFit, model: str, data: TireData) -> dict[str, Any]:
 
     kind = MODELS[model].configuration
     entries = {
-        f"{key.replace('.', '_')}.{model}": estimate(value, _unit(kind, key), error, bounded=fixed)
+        f"{key.replace('.', '_')}.{model}": estimate(
+            value, unit_of(kind, key), error, bounded=fixed
+        )
         for key, value, error, fixed in _rows(fit)
     }
     entries[f"residual.{model}"] = {"value": fit.residual, "unit": "N"}
@@ -81,12 +85,17 @@ def _entries(fit: TireFit, model: str, data: TireData) -> dict[str, Any]:
     return entries
 
 
-def _unit(cls: Any, key: str) -> str:
-    """Return the unit of a field of a configuration class; `key` is the field's dotted key."""
-    fields = {name: field for name, *field in configuration.declared_parameters(cls)}
-    name, _, rest = key.partition(".")
-    kind, info = fields[name]
-    return _unit(kind, rest) if rest else info.unit or "1"
+def _given(fit: TireFit, model: str) -> str:
+    """Return the parameters that are not fitted, such as the loads of the fitted forces."""
+    from omni_sim.tire.models import MODELS
+
+    kind = MODELS[model].configuration
+    numbers = {key: value for key, value in fit.mapping[model].items() if isinstance(value, float)}
+    return ", ".join(
+        f"{key.replace('_', ' ')} {value:g} {unit_of(kind, key)}"
+        for key, value in numbers.items()
+        if key not in fit.keys
+    )
 
 
 def _rows(fit: TireFit) -> list[tuple[str, float, float, bool]]:

@@ -14,6 +14,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from omni_figures import style
+from omni_figures.units import readable_unit
 from omni_platform.configuration import ConfigurationError, WorkError, from_mapping
 from omni_platform.quantities import BoolArray, FloatArray
 from omni_sim.tire.interface.model import LARGEST_FORCE, LOAD_RANGE, FitRecipe, Landmarks
@@ -265,7 +266,8 @@ def fit_figure(data: TireData, fit: TireFit, title: str, curves: int = 4) -> Fig
         title: title of the figure.
         curves: limit on the number of loads for which a curve is drawn.
     """
-    y = ("Force F [kN]", "Data - model [N]")
+    unit, factor = readable_unit("N", data.force)
+    y = (f"Force F [{unit}]", "Data - model [N]")
     figure, ((upper,), (lower,)) = style.panels(
         title, 2, size=(9.0, 6.6), x="Slip s [1]", y=y, sharex=True, height_ratios=(3.0, 1.0)
     )
@@ -279,10 +281,10 @@ def fit_figure(data: TireData, fit: TireFit, title: str, curves: int = 4) -> Fig
     dot = {"marker": "o", "linestyle": "none", "markersize": 3.0, "alpha": 0.55}
     for index, load in enumerate(loads):
         color, rows = style.wheel_color(index), nearest == index
-        upper.plot(data.slip[rows], 1e-3 * data.force[rows], color=color, **dot)
+        upper.plot(data.slip[rows], factor * data.force[rows], color=color, **dot)
         lower.plot(data.slip[rows], left[rows], color=color, **dot)
-        label = f"$F_z$ = {1e-3 * load:.3g} kN"
-        upper.plot(slip, 1e-3 * tire.force(slip, load), color=color, label=label)
+        label = f"$F_z$ = {factor * load:.3g} {unit}"
+        upper.plot(slip, factor * tire.force(slip, load), color=color, label=label)
     lower.axhline(0.0, color=style.BLACK, linewidth=1.0)
     upper.legend(loc="lower right")
     return figure

@@ -10,6 +10,7 @@ from matplotlib.patches import Polygon
 
 from omni_figures import style
 from omni_figures.scene import Scene, ahead_up, placed, rectangle
+from omni_figures.units import readable_unit
 from omni_platform.geometry import PlatformGeometry
 from omni_platform.rollers import Rollers
 from omni_platform.sensors import LineSensor
@@ -114,15 +115,17 @@ def tire_in_words(tire: TireConfiguration) -> dict[str, str]:
 
 def draw_tire(tire: TireConfiguration, name: str) -> Figure:
     """Draw force versus slip at four loads."""
-    figure, ((axes,),) = style.panels(
-        f"{name}: steady force versus slip", size=(8.0, 5.0), x="slip [1]", y="force [N]"
-    )
     slip = np.linspace(0.0, 1.0, 401)
+    unit, factor = readable_unit("N", Tire(tire).force(slip, tire.largest_load))
+    figure, ((axes,),) = style.panels(
+        f"{name}: steady force versus slip", size=(8.0, 5.0), x="slip [1]", y=f"force [{unit}]"
+    )
     for share, color in zip(
         (0.25, 0.5, 0.75, 1.0), (style.PALE, style.GRAY, style.ORANGE, style.BLUE), strict=True
     ):
         load = share * tire.largest_load
-        axes.plot(slip, Tire(tire).force(slip, load), color=color, label=f"{load:g} N")
+        force = factor * Tire(tire).force(slip, load)
+        axes.plot(slip, force, color=color, label=f"{factor * load:g} {unit}")
     axes.legend(title="wheel load")
     return figure
 
