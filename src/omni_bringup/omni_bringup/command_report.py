@@ -84,7 +84,7 @@ def estimate(value: float, unit: str, error: float, *, bounded: bool = False) ->
 def estimate_table(metrics: Mapping[str, Mapping[str, Any]]) -> WrappedTable:
     """Return a table of estimates with standard errors and, if known, the configured values."""
     from omni_figures.tables.wrapped_table import WrappedTable
-    from omni_tools.vehicles.plausibility import plain
+    from omni_sim.vehicle.plausibility import plain
 
     shown = {key: entry for key, entry in metrics.items() if "standard_error" in entry}
     cases = {key.partition(".")[2] for key in shown}

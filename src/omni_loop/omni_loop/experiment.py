@@ -279,18 +279,6 @@ class ExperimentLibrary:
         """
         return declared.from_mapping(_SensorsAlone, self._resolve({"sensors": name})).sensors
 
-    def tire(self, name: str) -> TireConfiguration:
-        """Return a tire that is not part of a vehicle.
-
-        Args:
-            name: name of a file in ``tires/``, or a path that ends in ``.yaml``.
-
-        Raises:
-            ConfigurationError: the name, a key or a value is invalid.
-        """
-        values = self._resolve({"vehicle": {"tire": name}})["vehicle"]["tire"]
-        return declared.from_mapping(TireConfiguration, values, "tire")
-
     def camera(self, name: str) -> LineSensor:
         """Return the first of the line cameras that `sensors` returns."""
         return next(iter(self.sensors(name).values()))
