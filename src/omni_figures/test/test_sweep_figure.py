@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import numpy as np
 import pytest
+from matplotlib.lines import Line2D
 
 from omni_figures.sweep_figure import sweep_figure
 from omni_loop.metrics import Metric
@@ -22,6 +24,14 @@ def runs(key: str, values: Sequence[str], variants: Sequence[str]) -> list[Swept
     ]
 
 
+def _x(line: Line2D) -> list[float]:
+    return [float(x) for x in np.asarray(line.get_xdata())]
+
+
+def _y(line: Line2D) -> list[float]:
+    return [float(y) for y in np.asarray(line.get_ydata())]
+
+
 @pytest.mark.parametrize(
     ("key", "values"), [("vehicle.load.mass", ["0", "250"]), ("ground", ["cork", "bark"])]
 )
@@ -30,10 +40,10 @@ def test_no_marker_touches_the_frame(key: str, values: list[str]) -> None:
         for line in axes.get_lines():
             top = axes.transData.inverted().transform((0.0, line.get_markersize()))[1]
             radius = 0.5 * (top - axes.transData.inverted().transform((0.0, 0.0))[1])
-            assert max(line.get_ydata()) + radius < axes.get_ylim()[1]
+            assert max(_y(line)) + radius < axes.get_ylim()[1]
             left, right = axes.get_xlim()
-            assert left < min(line.get_xdata())
-            assert max(line.get_xdata()) < right
+            assert left < min(_x(line))
+            assert max(_x(line)) < right
 
 
 def test_the_axis_has_the_unit_of_the_swept_key() -> None:
@@ -53,4 +63,4 @@ def test_equal_series_are_all_visible() -> None:
     assert second.get_markersize() < first.get_markersize()
     by_place = sweep_figure(runs("ground", ["cork", "bark"], ["a", "b"]), "").axes[0]
     first, second = by_place.get_lines()
-    assert set(first.get_xdata()).isdisjoint(second.get_xdata())
+    assert set(_x(first)).isdisjoint(_x(second))

@@ -186,7 +186,7 @@ def _at_full_stick(configuration: ExperimentConfiguration, speed: float) -> Expe
     return dataclasses.replace(configuration, maneuver=ManeuverConfiguration(demands=demands))
 
 
-def _choice(group: ProcessGroup, domain: int, parameters: dict[str, Any]) -> dict[str, str]:
+def _choice(group: ProcessGroup, domain: int, parameters: dict[str, Any]) -> dict[str, Any]:
     """Print the address of the page, watch the nodes, and return a choice made on the page.
 
     Args:
