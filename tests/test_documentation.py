@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import ast
+import json
 import re
+import runpy
 from importlib.resources import files
 
 import yaml
 from omni_process import WORKSPACE, omni_here
+from PIL import Image
 from safety_table import rows as hazards
 from safety_table import table
 
@@ -75,6 +78,26 @@ def test_numbers_of_studies_are_filled() -> None:
     for path, study, template in page_numbers.templates(WORKSPACE):
         for place in page_numbers.places(template, study):
             assert place.metric in numbers[place.study], (path.name, place)
+
+
+def test_pictures_and_pages_show_the_same_numbers() -> None:
+    numbers = page_numbers.stored(WORKSPACE)
+    drawn = set()
+    for picture in (WORKSPACE / "docs/images").glob("*.png"):
+        with Image.open(picture) as image:
+            found = json.loads(image.info.get(page_numbers.PICTURE_NUMBERS, "{}"))
+        for path, named, template in page_numbers.templates(WORKSPACE):
+            for place in page_numbers.places(template, named):
+                if place.study in found:
+                    old = format(found[place.study][place.metric], place.form)
+                    assert old == format(numbers[place.study][place.metric], place.form), (
+                        f"{picture.name} is older than {path.name}: {place.metric}; "
+                        "run benchmarks/pictures.py"
+                    )
+        drawn |= {(study, picture.stem) for study in found}
+    program = runpy.run_path(str(WORKSPACE / "benchmarks/pictures.py"))
+    shown = {(study, name) for study, _, files in program["DRAWN"] for name in files}
+    assert drawn == {one for one in shown if page_numbers.used_numbers(WORKSPACE, one[0])}
 
 
 def test_measured_numbers_are_not_typed() -> None:

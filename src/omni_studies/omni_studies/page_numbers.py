@@ -49,6 +49,9 @@ from typing import Any, NamedTuple
 Numbers = Mapping[str, Mapping[str, float | None]]
 """Values of metrics, keyed by study and metric name."""
 
+PICTURE_NUMBERS = "omni numbers"
+"""Key of the text in a PNG file that contains the numbers of the picture as a JSON document."""
+
 _PLACE = re.compile(r"\{(?:(\w+):)?([a-z]\w*\.[\w.]+?)(?::([^{}]*))?\}")
 _BLOCK = re.compile(r"(<!-- numbers: (\w+)\n(.*?)-->\n).*?(<!-- /numbers -->)", re.DOTALL)
 _EACH = re.compile(r"^each: (.*)\n(.*)$", re.MULTILINE)
@@ -128,6 +131,16 @@ def templates(workspace: Path) -> Iterator[tuple[Path, str, str]]:
             yield page, block[2], block[3]
     table = workspace / "docs/dissertation.yaml"
     yield table, "", table.read_text(encoding="utf-8")
+
+
+def used_numbers(workspace: Path, study: str) -> set[str]:
+    """Return the names of the metrics of a study that the pages show."""
+    return {
+        place.metric
+        for _, named, template in templates(workspace)
+        for place in places(template, named)
+        if place.study == study
+    }
 
 
 def page_with(text: str, numbers: Numbers) -> str:
