@@ -169,8 +169,11 @@ def _finite(value: float) -> float | None:
 
 def _braking_metrics(history: RunHistory) -> dict[str, Metric]:
     """Return the metrics of a stop; NaN with a note if the run contains no complete stop."""
-    units = dict(_BRAKING_QUANTITIES)
-    units |= {f"brake_switchings.{wheel}": "1" for wheel in history.wheel_names}
+    units: dict[str, str] = {}
+    for name, unit in _BRAKING_QUANTITIES.items():
+        units[name] = unit
+        if name == "brake_switchings":
+            units |= {f"{name}.{wheel}": unit for wheel in history.wheel_names}
     start = history.brake_start
     stop = None if start is None else rest_stamp(history.twist, start)
     if start is None or stop is None:

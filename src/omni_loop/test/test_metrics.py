@@ -118,6 +118,12 @@ def test_a_history_that_ends_before_the_stop_gives_no_distance(make_history: Mak
     assert math.isfinite(metrics["twist_rmse"].value)
 
 
+def test_the_order_of_the_metrics_does_not_depend_on_the_rest(make_history: MakeHistory) -> None:
+    """A table lists the wheels below the total of their switchings, whatever run is the first."""
+    stopped, moving = run_metrics(make_history()), run_metrics(make_history(rest=-0.5))
+    assert list(moving) == list(stopped)
+
+
 def test_a_stop_that_does_not_come_to_rest_with_the_pedal_down_is_reported(
     make_history: MakeHistory,
 ) -> None:
