@@ -64,7 +64,10 @@ def entries_by_case(
 
 def in_words(row: Mapping[str, tuple[float, str]]) -> str:
     """Return pairs (value, unit), keyed by quantity, as one line of text."""
-    return ", ".join(f"{key.replace('_', ' ')} {v:.4g} {unit}" for key, (v, unit) in row.items())
+    return ", ".join(
+        f"{key.replace('_', ' ')} {value:.4g} {'' if unit == '1' else unit}".rstrip()
+        for key, (value, unit) in row.items()
+    )
 
 
 def estimate(value: float, unit: str, error: float, *, bounded: bool = False) -> dict[str, Any]:

@@ -108,14 +108,21 @@ def tiles(
     return figure, list(grid.flat[:count])
 
 
-def legend_below(figure: Figure, columns: int) -> None:
-    """Draw a legend with the labels of all axes below a figure, in at most `columns` columns."""
+def legend_below(figure: Figure, columns: int, **look: Any) -> None:
+    """Draw a legend with the labels of all axes below a figure, in at most `columns` columns.
+
+    Args:
+        figure: the figure.
+        columns: limit on the number of columns.
+        **look: further arguments of `Figure.legend`, such as the scale of small markers.
+    """
     found: dict[str, Any] = {}
     for axes in figure.axes:
         handles, labels = axes.get_legend_handles_labels()
         found |= zip(labels, handles, strict=True)
     columns = min(columns, len(found))
-    figure.legend(list(found.values()), list(found), loc="outside lower center", ncols=columns)
+    place = {"loc": "outside lower center", "ncols": columns}
+    figure.legend(list(found.values()), list(found), **place, **look)
 
 
 def draw_texture(axes: Axes, gray: Any, texel: float, edge: float) -> Any:

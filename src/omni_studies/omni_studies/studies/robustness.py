@@ -280,19 +280,24 @@ def _finding(stops: Sequence[Stop]) -> str:
 
 
 def _draw_stops(groups: dict[str, list[Stop]]) -> Figure:
-    """Draw distance and rotation of all stops, one panel for each group."""
-    figure, panels = style.tiles("", len(groups), 3, size=(3.67, 2.8), sharey=True)
+    """Draw distance and rotation of all stops, one panel for each group.
+
+    A channel has the same color in all panels.
+    """
+    figure, panels = style.tiles("", len(groups), 3, size=(3.67, 2.8), sharex=True, sharey=True)
+    channels = sorted({stop.channel for stops in groups.values() for stop in stops})
     for axes, (group, stops) in zip(panels, groups.items(), strict=True):
-        for index, channel in enumerate(sorted({stop.channel for stop in stops})):
+        for index, channel in enumerate(channels):
             chosen = [stop for stop in stops if stop.counted and stop.channel == channel]
             places = [stop.distance for stop in chosen], [stop.rotation for stop in chosen]
-            axes.plot(*places, ".", color=f"C{index % 10}", markersize=3, label=channel)
+            if chosen:
+                axes.plot(*places, ".", color=f"C{index % 10}", markersize=3, label=channel)
         limit = limits(stops[0].extent, imu=bool(stops[0].imu))
         for value, draw in ((limit.distance, axes.axvline), (limit.rotation, axes.axhline)):
             if value is not None:
                 draw(value, color=style.GRAY, linewidth=0.8, linestyle="--")
         axes.set_title(group.replace("_", " "))
-        axes.legend(loc="best", fontsize="x-small")
+    style.legend_below(figure, 6, markerscale=3.0)
     figure.supxlabel("distance / reference distance [1]")
     figure.supylabel("rotation beyond the reference [deg]")
     return figure

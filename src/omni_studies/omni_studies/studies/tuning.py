@@ -155,6 +155,7 @@ def _lag(text: str) -> BrakeLag:
 
 
 _MARKERS = "osD^vP"
+_LABEL_SIZE = 0.05  # height of a label as a share of the range of the points in a panel
 _CHOSEN: dict[str, Any] = {
     "color": style.VERMILLION, "marker": "o", "markerfacecolor": "none", "linestyle": "",
     "markeredgewidth": 2.0, "zorder": 6,
@@ -212,9 +213,35 @@ def _draw_settings(axes: Axes, trials: Sequence[Trial]) -> None:
         words = f"dwell {1e3 * dwell:g} ms" if dwell else "no dwell"
         axes.plot(*_places(line), label=words, **look)
     axes.margins(x=0.15)  # room for labels next to their points
-    for words, trial in {_weighting(trial): trial for trial in reversed(best)}.items():
-        place = trial.worst_distance, trial.worst_rotation
+    stopped = [place for place in map(_place, trials) if np.isfinite(place).all()]
+    for words, place in _labels(best, np.ptp(stopped, axis=0) if stopped else (0.0, 0.0)):
         style.note(axes, words, place, (-3, -5), ha="right", va="top", rotation=45)
+
+
+def _labels(best: Sequence[Trial], spans: Sequence[float]) -> list[tuple[str, tuple[float, float]]]:
+    """Return the label of each weighting and its place; labels of near points are joined.
+
+    Args:
+        best: trials with the best settings, sorted along their curve.
+        spans: ranges of distance [m] and rotation [deg] that the points of a panel cover.
+    """
+    labels: list[tuple[str, tuple[float, float]]] = []
+    for words, trial in {_weighting(trial): trial for trial in reversed(best)}.items():
+        place = _place(trial)
+        near = [
+            index
+            for index, (_, other) in enumerate(labels)
+            if all(
+                abs(one - two) <= _LABEL_SIZE * span
+                for one, two, span in zip(place, other, spans, strict=True)
+            )
+        ]
+        if near:
+            before, other = labels[near[0]]
+            labels[near[0]] = f"{words}, {before}", other
+        else:
+            labels.append((words, place))
+    return labels
 
 
 class Cost(NamedTuple):
@@ -275,6 +302,10 @@ def _weighting(trial: Trial) -> str:
     setting = trial.setting
     symbols = {"zero": r"$\psi = 0$", "cosine": r"$\cos\delta$"}
     return symbols.get(setting.weighting, f"k = {setting.k}")
+
+
+def _place(trial: Trial) -> tuple[float, float]:
+    return trial.worst_distance, trial.worst_rotation
 
 
 def _places(trials: Sequence[Trial]) -> tuple[list[float], list[float]]:

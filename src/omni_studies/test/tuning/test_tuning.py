@@ -11,6 +11,7 @@ import pytest
 from omni_loop.compiled import run_fast_loop
 from omni_loop.experiment import ExperimentLibrary
 from omni_platform.command_options import parse_options
+from omni_studies.studies.tuning import _labels
 from omni_studies.study import StudyResult, StudyRun, load_study
 from omni_studies.tuning.trials import (
     OFF,
@@ -177,3 +178,9 @@ def test_study_says_that_no_setting_meets_the_limit(tmp_path: Path) -> None:
     result = run_study(tmp_path, "--brakes", "0:0", "--max-distance", "1")
     assert math.isnan(result.metrics["stopping_distance.recommended"].value)
     assert any(sentence.startswith("No setting meets the limit ") for sentence in result.findings)
+
+
+def test_labels_of_near_points_are_joined_and_no_label_is_lost() -> None:
+    best = [trial(10.0, 5.0, k=3), trial(9.9, 5.01, k=5), trial(4.0, 8.0, k=7)]
+    assert [words for words, _ in _labels(best, (10.0, 20.0))] == ["k = 7", "k = 3, k = 5"]
+    assert [words for words, _ in _labels(best, (0.1, 0.1))] == ["k = 7", "k = 5", "k = 3"]

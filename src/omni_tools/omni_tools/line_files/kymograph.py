@@ -103,6 +103,7 @@ def draw_kymographs(kymographs: Mapping[str, Kymograph], title: str, most: int =
         similarity.set_xlabel("correlation [1]")
         for axes in (moved, similarity):
             axes.set_ylim(end, begin)
+    style.legend_below(figure, 3, markerscale=3.0)  # on the axes it would cover points
     return figure
 
 
@@ -125,4 +126,4 @@ def _draw_displacements(axes: Axes, kymograph: Kymograph) -> None:
     axes.set_xlabel("displacement [px]")
     title = f"1 px/line = {scale:.3g} m/s; {100.0 * kymograph.measured:.0f} % of batches measured"
     axes.set_title(title)
-    axes.legend(fontsize=8, loc="best", framealpha=0.85, edgecolor="none")
+    axes.locator_params(axis="x", nbins=5)  # labels such as 25.525 are wide
