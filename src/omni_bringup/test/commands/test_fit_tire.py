@@ -49,7 +49,11 @@ def test_fitted_tire_is_one_that_a_vehicle_can_use(
 ) -> None:
     out = tmp_path / "out"
     assert omni(measurements, "--model", model, "--out", out) == 0
-    assert "standard error" in capsys.readouterr().out
+    printed = capsys.readouterr().out
+    assert "standard error" in printed
+    # The loads to which the parameters belong are stated, and no error has an exponent.
+    assert "load 5000 N" in printed or "load 2 5000 N" in printed
+    assert "e+" not in printed
     assert (out / "rig.png").read_bytes().startswith(b"\x89PNG")
     overrides = [f"vehicle.tire={out / 'rig.yaml'}"]
     tire = ExperimentLibrary(CONFIG).load("straight_line", "assisted", overrides).vehicle.tire
