@@ -105,6 +105,9 @@ def tiles(
     figure, grid = panels(title, rows, columns, size=whole, **look)
     for axes in grid.flat[count:]:
         axes.set_visible(False)
+    for axes in grid.flat[max(0, count - columns) : count]:  # the lowest panel of each column
+        axes.set_xlabel(grid[-1, 0].get_xlabel())
+        axes.tick_params(labelbottom=True)
     return figure, list(grid.flat[:count])
 
 

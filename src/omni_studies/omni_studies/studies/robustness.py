@@ -284,7 +284,9 @@ def _draw_stops(groups: dict[str, list[Stop]]) -> Figure:
 
     A channel has the same color in all panels.
     """
-    figure, panels = style.tiles("", len(groups), 3, size=(3.67, 2.8), sharex=True, sharey=True)
+    labels = {"x": "distance / reference [1]", "y": "rotation - reference [deg]"}
+    look = {"sharex": True, "sharey": True, **labels}
+    figure, panels = style.tiles("", len(groups), 3, size=(3.67, 2.8), **look)
     channels = sorted({stop.channel for stops in groups.values() for stop in stops})
     for axes, (group, stops) in zip(panels, groups.items(), strict=True):
         for index, channel in enumerate(channels):
@@ -298,8 +300,6 @@ def _draw_stops(groups: dict[str, list[Stop]]) -> Figure:
                 draw(value, color=style.GRAY, linewidth=0.8, linestyle="--")
         axes.set_title(group.replace("_", " "))
     style.legend_below(figure, 6, markerscale=3.0)
-    figure.supxlabel("distance / reference distance [1]")
-    figure.supylabel("rotation beyond the reference [deg]")
     return figure
 
 
