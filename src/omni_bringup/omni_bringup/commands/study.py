@@ -79,17 +79,20 @@ def _text(result: StudyResult) -> Iterator[Any]:
         quantity, _, case = name.partition(".")
         unit = "" if metric.unit == "1" else f" [{metric.unit}]"
         groups.setdefault(quantity + unit, {})[case] = metric
-    plain: dict[tuple[str, ...], dict[str, dict[str, Metric]]] = {}
-    listed: dict[str, dict[str, Metric]] = {}
+    by_cases: dict[tuple[str, ...], dict[str, dict[str, Metric]]] = {}
     for quantity, cases in groups.items():
-        limited = any(one.status or one.reference is not None for one in cases.values())
-        shared = sum(one.keys() == cases.keys() for one in groups.values()) > 1
-        if limited or len(cases) < 2 or not shared:
-            listed[quantity] = cases
-        else:
-            plain.setdefault(tuple(cases), {})[quantity] = cases
-    for names, quantities in plain.items():
+        if not any(one.status or one.reference is not None for one in cases.values()):
+            by_cases.setdefault(tuple(cases), {})[quantity] = cases
+    shared = {
+        names: quantities
+        for names, quantities in by_cases.items()
+        if len(names) > 1 and len(quantities) > 1
+    }
+    for names, quantities in shared.items():
         yield _side_by_side(names, quantities)
+        yield ""
+    apart = {quantity for quantities in shared.values() for quantity in quantities}
+    listed = {quantity: cases for quantity, cases in groups.items() if quantity not in apart}
     if listed:
         yield _one_below_the_other(listed)
     yield from result.findings
