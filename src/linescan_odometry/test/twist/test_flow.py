@@ -10,7 +10,7 @@ import pytest
 
 from linescan_odometry.odometry import LineScanOdometry, OdometryConfiguration, TwistEstimate
 from linescan_odometry.port import BatchCollector
-from linescan_odometry.twist.least_squares import TwistSolver
+from linescan_odometry.twist.least_squares import KinematicsConfiguration, TwistSolver
 from omni_platform.configuration import ConfigurationError
 from omni_platform.sensors import FlowSensor, LineSensor, sensor_matrix
 from omni_platform.signals import Flow, LineBatch, LineBatchError
@@ -118,6 +118,18 @@ def test_a_camera_completes_one_flow_sensor() -> None:
     readings = np.concatenate((speed, sensor_matrix(flows) @ TWIST))
     twist, _ = solver.solve(readings, 1e-4 * np.eye(3), (True, True))
     np.testing.assert_allclose(twist, TWIST, atol=1e-12)
+
+
+def test_one_flow_sensor_and_an_axle_suffice_unless_it_is_the_center_of_rotation() -> None:
+    axle = KinematicsConfiguration(constraint="unsteered_axle", axle_x=-0.5)
+    flows = only("front")
+    rolling = np.array((1.2, 0.5 * 0.7, 0.7))
+    settings = OdometryConfiguration(sensors={}, flow_sensors=flows, kinematics=axle)
+    twist = LineScanOdometry(settings).update(flows_at(rolling, flows)).twist
+    np.testing.assert_allclose(twist, rolling, atol=1e-9)
+    on_axle = {"front": dataclasses.replace(flows["front"], x=-0.5, y=0.0)}
+    with pytest.raises(ConfigurationError, match=r"pass through one point, \(-0.50, 0.00\)"):
+        OdometryConfiguration(sensors={}, flow_sensors=on_axle, kinematics=axle)
 
 
 @pytest.mark.parametrize("error", [(0.6, 0.0), (0.0, -0.6), (-0.5, 0.5)])

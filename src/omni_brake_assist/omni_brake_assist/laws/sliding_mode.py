@@ -11,13 +11,14 @@ Symbols, all in the body frame: ``v_c`` velocity of the platform center, ``Omega
 wheel positions, ``n_wi`` active directions, ``v_i`` velocities of the wheel centers, ``f_hat_i``
 unit friction forces, ``p`` unit vector across the velocity at the start of braking.
 
-Two equations differ from their printed form. Eq. (51) contains the velocity ``v_i`` of the wheel,
-although Eq. (49), from which it follows, contains the velocity ``v_c`` of the platform. With
-``v_i`` a rotation would count as drift, so ``v_c`` is used. Eqs. (56), (57) contain a signed angle
-between ``n_wi`` and ``v_i``. If this angle exceeds 90 deg, the weight is zero or negative, so
-``s_par,i`` would be positive for half of all directions, and the wheels that brake best would be
-released. As the sign of ``n_wi`` is a convention, the unsigned angle between the velocity and the
-axis along ``n_wi`` is used.
+Three definitions differ from their printed form. Eq. (51) contains the velocity ``v_i`` of the
+wheel, although Eq. (49), from which it follows, contains the velocity ``v_c`` of the platform. With
+``v_i`` a rotation would count as drift, so ``v_c`` is used. Eqs. (53), (54) contain a unit vector
+along ``f x r``; the component here is the moment of a unit force, ``r x f``, and thus grows with
+the lever arm. Eqs. (56), (57) contain a signed angle between ``n_wi`` and ``v_i``. If this angle
+exceeds 90 deg, the weight is zero or negative, so ``s_par,i`` would be positive for half of all
+directions, and the wheels that brake best would be released. As the sign of ``n_wi`` is a
+convention, the unsigned angle between the velocity and the axis along ``n_wi`` is used.
 
 If a wheel does not slide along its active direction (``n_wi . v_i = 0``), the direction of its
 friction force is undefined; its ``f_hat_i`` and its error are then zero.

@@ -11,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from logged_steps import Log, advance_logged, kinetic_energy
 
+from omni_platform.geometry import PlatformGeometry
 from omni_platform.quantities import FloatArray
 from omni_sim.ground.friction import FrictionMap, FrictionPatch
 from omni_sim.vehicle.configuration import VehicleConfiguration
@@ -138,9 +139,16 @@ def test_unassisted_forklift_swerves_around_its_most_loaded_wheel(
 ) -> None:
     vehicle = Vehicle(forklift, twist=(10.0, 0.0, 0.0))
     assert vehicle.wheel_names[int(np.argmax(vehicle.wheels["load"]))] == "front_left"
-    end = stop(vehicle)[-1]
+    active = PlatformGeometry.from_wheels(forklift.wheels).active[
+        vehicle.wheel_names.index("front_left")
+    ]
+    trajectory = stop(vehicle)
     # Section 3.1: the vehicle turns to the loaded side until the active direction of that wheel,
-    # 45 deg to the right of forward, points along the motion.
+    # 45 deg to the right of forward, is parallel to the velocity.
+    _, _, yaw, v_x, v_y, _ = trajectory[round(1.0 / vehicle.physics_step)]
+    along = math.remainder(yaw + math.atan2(*active[::-1]) - math.atan2(v_y, v_x), math.pi)
+    assert abs(along) < math.radians(2.0)
+    end = trajectory[-1]
     assert math.radians(25.0) < end[2] < math.radians(50.0)
     assert 8.0 < np.hypot(end[0], end[1]) < 12.0
     assert vehicle.overloaded_steps == 0

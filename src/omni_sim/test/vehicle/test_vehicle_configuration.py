@@ -37,6 +37,7 @@ def test_robot_is_the_platform_of_equation_34(robot: VehicleConfiguration) -> No
     speeds = PlatformKinematics(robot.wheels).wheel_speeds(np.eye(3)).T
     np.testing.assert_allclose(speeds, printed, atol=1e-7)
     assert robot.load.mass == 500.0
+    assert robot.load.yaw_inertia == pytest.approx(0.4 * 500.0 * 0.48**2, rel=0.02)  # a sphere
 
 
 def test_both_stand_on_the_tire_of_table_1(
