@@ -26,7 +26,7 @@ class Recorded:
 
     def __init__(self, *made_of: Any) -> None:
         self._constants = allocation.make_constants(*made_of)
-        self._memory = allocation.new_memory(len(self._constants.rim))
+        self._memory = allocation.new_memory(self._constants)
 
     def step(self, *arguments: Any) -> int:
         """Compute the enables as `allocation` does, and store the QP."""

@@ -178,15 +178,16 @@ def make_constants(
     )
 
 
-def new_memory(wheels: int) -> Memory:
-    """Return the state of an assistant for N wheels that has received no message yet."""
+def new_memory(constants: Constants) -> Memory:
+    """Return the state of an assistant that has received no message yet."""
+    wheels = constants.r_x.size
     return Memory(
         fail_safe.new_gate(),
         np.zeros(1, _STEP),
         braking_line.new_line(),
         np.zeros(wheels, _VALVE),
-        allocation.new_memory(wheels),
-        bank_state.bank_memory(wheels),
+        allocation.new_memory(constants.laws.allocation),
+        bank_state.bank_memory(constants.bank),
         effect_monitor.effect_memory(),
         brake_monitor.brake_memory(wheels),
         np.zeros(wheels),

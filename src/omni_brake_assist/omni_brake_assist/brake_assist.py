@@ -75,13 +75,13 @@ class BrakeAssist:
         self._wheels = len(self.geometry.names)
         self._constants = assist_state.make_constants(configuration, self.geometry)
         self._law = own_law(configuration, self.geometry)  # None if the law is built in
-        self._memory = assist_state.new_memory(self._wheels)
+        self._memory = assist_state.new_memory(self._constants)
         self._faults: dict[int, Fault] = {}  # reasons for conditions that have no text in the table
         self._stamp_ns = 0
         # Compile the kernel here, so that the first real step is as fast as all others. Afterwards
         # the memory is replaced, because it contains the stamp of this trial step.
         self._step(Inputs(0, 0.0, True, GOOD, *self._samples(BrakeDemand(0, 0.0, None))))
-        self._memory = assist_state.new_memory(self._wheels)
+        self._memory = assist_state.new_memory(self._constants)
 
     def update(self, demand: BrakeDemand) -> Decision:
         """Return the brake enables for a demand of the driver.

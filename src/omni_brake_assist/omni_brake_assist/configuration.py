@@ -1,5 +1,6 @@
 """Parameters of the brake assistant."""
 
+import math
 from collections.abc import Mapping
 
 from omni_brake_assist.weighting import WEIGHTINGS, check_tuning_constant
@@ -16,6 +17,10 @@ MOST_VALVES = 14
 """Limit on the number of on-off valves. The law `allocation` compares all patterns of open and shut
 valves in each step; with this number of valves, a step takes at most half of a control period of 10
 ms even on a slow computer."""
+
+MOST_STEPS = 10_000
+"""Limit on the number of control steps for which the filters wait for a late twist. Each step goes
+through the readings of all of them, which takes less than 1 ms."""
 
 LAW_GROUP = "omni_brake_assist.laws"
 """Group of entry points in which an installed package registers control laws by name."""
@@ -79,6 +84,8 @@ class BrakeAssistConfiguration(Configuration):
     """Nominal brake model that the law `allocation` uses for each wheel"""
     allocation: AllocationConfiguration = section(AllocationConfiguration)
     """Parameters of the law `allocation`"""
+    control_period: float = parameter(0.01, unit="s", minimum=1e-4, maximum=1.0)
+    """Time between two steps of the assistant; more frequent IMU readings are integrated over it"""
     minimum_dwell_time: float = parameter(0.0, unit="s", minimum=0.0, maximum=1.0)
     """Minimum time between two switching operations of a valve; ignored when all brakes must act"""
     pedal_threshold: float = parameter(0.05, above=0.0, maximum=1.0)
@@ -131,12 +138,18 @@ class BrakeAssistConfiguration(Configuration):
     """Time after which a twist that does not change is implausible, while the vehicle brakes above
     the speed threshold (0: never)"""
 
+    @property
+    def steps_until_twist(self) -> int:
+        """Number of control steps for which the filters wait for a late twist."""
+        return math.ceil((self.feedback_delay + self.feedback_timeout) / self.control_period)
+
     def check_consistency(self) -> None:
         """Check law, tuning constant k and timeouts, and that the wheels can brake the platform.
 
         Raises:
             ConfigurationError: the law is unknown, the vehicle has too many valves for the law, k
-                is even, which Eq. (59) excludes, or `feedback_timeout` exceeds `maximum_time_step`.
+                is even, which Eq. (59) excludes, `feedback_timeout` exceeds `maximum_time_step`, or
+                delay and timeout last too many control periods.
             UnusablePlatformError: the wheels cannot brake the platform in all three degrees of
                 freedom, as section 3.3 of the dissertation requires.
         """
@@ -150,6 +163,14 @@ class BrakeAssistConfiguration(Configuration):
                 "feedback_timeout",
                 f"{self.feedback_timeout:g} s is longer than maximum_time_step = "
                 f"{self.maximum_time_step:g} s, must be at most that",
+            )
+        if self.steps_until_twist > MOST_STEPS:
+            raise ConfigurationError(
+                "feedback_delay",
+                f"{self.feedback_delay:g} s plus feedback_timeout = {self.feedback_timeout:g} s is "
+                f"{self.steps_until_twist} times the control_period = {self.control_period:g} s, "
+                f"must be at most {MOST_STEPS} times; shorten the timeout or set the period to the "
+                "time between two steps of the assistant",
             )
         wheels = len(self.wheels)
         if self.law == "allocation" and self.brake.kind == ON_OFF and wheels > MOST_VALVES:

@@ -263,3 +263,14 @@ def test_platform_that_cannot_be_stopped_is_refused(mecanum: Wheels) -> None:
     pair = {name: mecanum[name] for name in ("rear_left", "front_left")}
     with pytest.raises(UnusablePlatformError, match="rank 2"):
         BrakeAssistConfiguration(wheels=pair)
+
+
+def test_a_delay_of_too_many_control_periods_is_refused_by_name(mecanum: Wheels) -> None:
+    with pytest.raises(ConfigurationError, match=r"feedback_delay: 0\.2 s .* control_period"):
+        BrakeAssistConfiguration(
+            wheels=mecanum,
+            feedback_delay=0.2,
+            feedback_timeout=2.0,
+            maximum_time_step=2.0,
+            control_period=1e-4,
+        )

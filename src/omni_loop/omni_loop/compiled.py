@@ -140,7 +140,7 @@ def run_fast_loop(
     stamps = len(loop.pedal)
     record = _new_record(stamps, len(vehicle.wheel_names))
     assist = assist_state.make_constants(configuration.brake_assist, vehicle.kinematics.geometry)
-    memory = assist_state.new_memory(len(vehicle.wheel_names))
+    memory = assist_state.new_memory(assist)
     law = own_law(configuration.brake_assist, vehicle.kinematics.geometry)
     advance = _run_built_in if law is None else functools.partial(_run_own, law)
     if source is not None:

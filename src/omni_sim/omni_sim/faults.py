@@ -24,7 +24,7 @@ import numpy as np
 
 from omni_platform.configuration import Configuration, ConfigurationError, parameter
 from omni_platform.kernels import kernel, lean
-from omni_platform.quantities import SECOND_NS, FloatArray
+from omni_platform.quantities import SECOND_NS, FloatArray, IntArray
 
 CHANNELS = ("twist", "gyro", "accelerometer", "encoder")
 """Channels: velocity sensor, gyro, accelerometer and wheel encoders."""
@@ -43,7 +43,7 @@ TWIST, GYRO, ACCELEROMETER, ENCODER = range(len(CHANNELS))
 _CHANNEL, _KIND, _AXIS, _START, _END, _AMPLITUDE, _PERIOD = range(7)
 _COLUMNS = 7
 
-_REMEMBERED = 64  # number of stored readings, which limits the delay
+_MOST_READINGS = 1_000_000  # limit on the number of readings in a delay
 _STUCK_NOISE_DEVIATION = 1e-9
 
 
@@ -75,27 +75,31 @@ class Faults(NamedTuple):
             channel], period [s]; shape (K, 7).
         held: reading at the onset of each fault, shape (K, W).
         begun: 1 if the onset of a fault has passed, else 0, shape (K,).
-        past: latest readings before each fault is applied, a ring buffer over the stamps, shape
-            (K, 64, W).
+        past: latest readings before each fault is applied, a ring buffer of R readings, which
+            reach back for the longest delay, shape (K, R, W).
+        stamps: stamps of these readings [ns], shape (K, R).
     """
 
     table: FloatArray
     held: FloatArray
     begun: FloatArray
     past: FloatArray
+    stamps: IntArray
 
 
-def build_faults(faults: Mapping[str, FaultConfiguration], wheels: int) -> Faults:
+def build_faults(faults: Mapping[str, FaultConfiguration], wheels: int, period: float) -> Faults:
     """Return the faults of a run as the arrays that the kernel uses.
 
     Args:
         faults: faults, keyed by name.
         wheels: number of wheels, each with an encoder.
+        period: shortest time between two readings of a channel [s].
 
     Raises:
-        ConfigurationError: a fault affects an unknown axis or wheel.
+        ConfigurationError: a fault affects an unknown axis or wheel, or its delay contains too many
+            readings.
     """
-    sizes, rows = (3, 1, 2, wheels), []
+    sizes, rows, stored = (3, 1, 2, wheels), [], 1
     for name, fault in faults.items():
         size = sizes[CHANNELS.index(fault.channel)]
         if fault.axis >= size:
@@ -103,44 +107,53 @@ def build_faults(faults: Mapping[str, FaultConfiguration], wheels: int) -> Fault
                 f"faults.{name}.axis",
                 f"{fault.axis} must be -1 to {size - 1}, because {fault.channel} has {size}",
             )
+        if fault.kind == "delay":
+            stored = max(stored, math.ceil(fault.period / period) + 1)
+        if stored > _MOST_READINGS:
+            raise ConfigurationError(
+                f"faults.{name}.period",
+                f"{fault.period:g} s is longer than {_MOST_READINGS} readings of {period:g} s",
+            )
         kind = CHANNELS.index(fault.channel), KINDS.index(fault.kind), fault.axis
         times = (round(time * SECOND_NS) for time in (fault.time, fault.time + fault.duration))
         rows.append((*kind, *times, fault.amplitude, fault.period))
     count, width = len(rows), max(wheels, 3)
     table = np.array(rows, dtype=np.float64).reshape(count, _COLUMNS)
-    late = np.zeros((count, _REMEMBERED, width))
-    return Faults(table, np.zeros((count, width)), np.zeros(count), late)
+    late, stamps = np.zeros((count, stored, width)), np.zeros((count, stored), np.int64)
+    return Faults(table, np.zeros((count, width)), np.zeros(count), late, stamps)
 
 
 @kernel
 def corrupt(
-    faults: Faults, channel: int, step: int, period_ns: int, draw: FloatArray, values: FloatArray
+    faults: Faults, channel: int, step: int, now_ns: int, draw: FloatArray, values: FloatArray
 ) -> None:
-    """Apply the faults of a channel to a reading; call this once per stamp and channel.
+    """Apply the faults of a channel to a reading; call this once per reading.
 
     Args:
         faults: faults of the run; their memory of past readings is changed in place.
         channel: one of TWIST, GYRO, ACCELEROMETER, ENCODER.
-        step: number of the stamp.
-        period_ns: time between two stamps [ns].
+        step: number of the reading.
+        now_ns: stamp of the reading [ns].
         draw: standard normal noise, shape (n,).
         values: reading of the channel, changed in place, shape (n,).
     """
-    now_ns, size = step * period_ns, values.size
+    size, stored = values.size, faults.stamps.shape[1]
     for k in range(faults.table.shape[0]):
         row = faults.table[k]
         if row[_CHANNEL] != channel:
             continue
-        ring = faults.past[k]
-        ring[step % _REMEMBERED, :size] = values
+        ring, stamps = faults.past[k], faults.stamps[k]
+        ring[step % stored, :size], stamps[step % stored] = values, now_ns
         if not row[_START] <= now_ns < row[_END]:
             continue
         if faults.begun[k] == 0.0:
             faults.begun[k] = 1.0
             faults.held[k, :size] = values
         tau = (now_ns - row[_START]) * 1e-9
-        back = min(round(row[_PERIOD] * SECOND_NS / period_ns), _REMEMBERED - 1, step)
-        delayed, true = ring[(step - back) % _REMEMBERED], ring[step % _REMEMBERED]
+        back, until_ns = 0, now_ns - round(row[_PERIOD] * SECOND_NS)
+        while back < min(stored - 1, step) and stamps[(step - back) % stored] > until_ns:
+            back += 1
+        delayed, true = ring[(step - back) % stored], ring[step % stored]
         for j in range(size):
             if row[_AXIS] < 0.0 or row[_AXIS] == j:
                 # In a twist only v_x and v_y are exchanged, because they have the same unit.

@@ -61,7 +61,7 @@ def build_instruments(configuration: SimulatorConfiguration) -> Instruments:
     return Instruments(
         build_imu(configuration.imu, configuration.simulation.control_period),
         build_encoders(configuration.encoders, wheels),
-        build_faults(configuration.faults, wheels),
+        build_faults(configuration.faults, wheels, configuration.simulation.control_period),
     )
 
 
@@ -97,4 +97,4 @@ def measure(instruments: Instruments, truth: Truth, draw: FloatArray, readings: 
         noise = spare[0:3], spare[3:4], spare[4:6], spare[6:]
         values = twist, inertial[:1], inertial[1:], wheels
         for channel in range(len(CHANNELS)):
-            corrupt(faults, channel, step, period_ns, noise[channel], values[channel])
+            corrupt(faults, channel, step, step * period_ns, noise[channel], values[channel])

@@ -40,7 +40,7 @@ _INPUTS = 4  # number of subscribed topics at most
 # Largest delay that the simulation makes up in real time, by running faster than the clock [s]. If
 # it ran faster for long, replies would seem late, and a person could not steer.
 _LARGEST_LAG = 0.02
-_MARKER_PERIOD = 5  # control periods between two updates of the markers
+_MARKER_NS = 50_000_000  # shortest time between two updates of the markers [ns]
 
 
 class LoopConfiguration(Configuration):
@@ -187,7 +187,7 @@ class SimulatorNode(Node):
         self._send(self._pedal, pedal)
         self._send(self._command, messages.planar_twist(stamp_ns, observation.command))
         self._send(self._truth, ground_truth(observation))
-        if (stamp_ns // self.simulator.control_period_ns) % _MARKER_PERIOD == 0:
+        if stamp_ns % _MARKER_NS < self.simulator.control_period_ns:
             self._joints.publish(wheels)
             self._send(self._markers, scene_markers(self.configuration, observation))
             self._send(self._forces, wheel_forces(self._wheels, observation))

@@ -100,12 +100,12 @@ def faulty_readings(
 ) -> FloatArray:
     """Return readings of the values ``(1, 2, 3) + step / 10`` with a fault that begins at 0.1 s."""
     fault = FaultConfiguration(channel=channel, kind=kind, time=0.1, **entries)
-    faults, size = build_faults({"fault": fault}, 3), 3
+    faults, size = build_faults({"fault": fault}, 3, PERIOD), 3
     rows, random = [], np.random.default_rng(1)
     for step in range(steps):
         values = np.arange(1.0, size + 1.0) + 0.1 * step
         draw = random.standard_normal(size)
-        corrupt(faults, CHANNELS.index(channel), step, 10_000_000, draw, values)
+        corrupt(faults, CHANNELS.index(channel), step, step * 10_000_000, draw, values)
         rows.append(values)
     return np.array(rows)
 
@@ -134,6 +134,13 @@ def test_a_fault_reads_what_its_formula_says(kind: str, expected: float) -> None
     assert np.ptp(faulty_readings("stuck_noise")[10:, 0]) > 0.0
 
 
+@pytest.mark.parametrize("delay", [0.1, 0.8, 2.5])
+def test_a_delay_may_last_longer_than_a_stop(delay: float) -> None:
+    steps = round(delay / PERIOD) + 30
+    readings = faulty_readings("delay", steps=steps, period=delay)
+    assert readings[-1, 0] == pytest.approx(1.0 + 0.1 * (steps - 1 - delay / PERIOD))
+
+
 def test_a_channel_that_drops_out_reads_no_number_and_comes_back() -> None:
     readings = faulty_readings("drop_out", axis=1, duration=0.05)
     assert np.flatnonzero(np.isnan(readings[:, 1])).tolist() == [10, 11, 12, 13, 14]
@@ -144,11 +151,11 @@ def test_a_channel_that_drops_out_reads_no_number_and_comes_back() -> None:
 def test_a_fault_leaves_other_channels_alone(kind: str) -> None:
     fault = FaultConfiguration(channel="gyro", kind=kind, amplitude=1.0)
     values = np.ones(3)
-    corrupt(build_faults({"f": fault}, 3), 0, 30, 10_000_000, np.ones(3), values)
+    corrupt(build_faults({"f": fault}, 3, PERIOD), 0, 30, 300_000_000, np.ones(3), values)
     assert values.tolist() == [1.0, 1.0, 1.0]
 
 
 def test_a_wheel_that_there_is_not_is_refused_by_name() -> None:
     fault = FaultConfiguration(channel="encoder", kind="zero", axis=4)
     with pytest.raises(ConfigurationError, match=r"faults.hub.axis: 4 must be -1 to 3"):
-        build_faults({"hub": fault}, 4)
+        build_faults({"hub": fault}, 4, PERIOD)

@@ -12,7 +12,7 @@ from omni_platform.signals import VALID, TwistSample
 
 _RESTART_NS = 100_000_000  # shortest time between two restarts of the filter with all sources [ns]
 _UNSUPPORTED = 0.2  # limit on the time without a rolling released wheel if there is no twist [s]
-_MIXING = 0.02  # weight of the best filter in each other filter per step, pedal up [1]
+_MIXING_TIME = 0.5  # time constant with which the other filters follow the best one, pedal up [s]
 
 
 @lean
@@ -47,12 +47,13 @@ def estimate(
             record.begun = False
             return bank.NO_ESTIMATE
         bank.begin(constants, memory, now_ns, twist)
+        elapsed = 0.0
     if record.pressed and not braking:
         bank.reset_posterior(constants, memory)
     record.pressed = braking
     _restart(memory, now_ns)
-    _store(memory, now_ns, readings)
     memory.evidence[:] = 0.0
+    _store(constants, memory, now_ns, readings)
     valid_ns = twist.stamp_ns - constants.delay
     fresh = received and valid_ns > record.twist_ns
     target_ns = max(record.horizon_ns, now_ns - (constants.twist_wait if record.received else 0))
@@ -61,10 +62,10 @@ def estimate(
         filters.fuse_twist(constants, memory, (valid_ns - record.twist_ns) * 1e-9, twist)
         record.twist_ns, record.received = valid_ns, True
     if record.known:
-        _update_posterior(constants, memory)
+        _update_posterior(constants, memory, elapsed)
     record.known = record.known or fresh
     if not braking and record.best != bank.NO_ESTIMATE:
-        _mix(memory, record.best)
+        _mix(memory, record.best, min(elapsed / _MIXING_TIME, 1.0))
     if _is_lost(memory):
         return bank.NO_ESTIMATE
     if not record.equipped:
@@ -97,9 +98,17 @@ def _restart(memory: BankMemory, now_ns: int) -> None:
 
 
 @lean
-def _store(memory: BankMemory, now_ns: int, readings: bank.Readings) -> None:
-    """Store the readings of this step in the ring buffer `memory.rows`."""
-    row = (memory.newest[0] + 1) % bank.READINGS
+def _store(
+    constants: BankConstants, memory: BankMemory, now_ns: int, readings: bank.Readings
+) -> None:
+    """Store the readings of this step in the ring buffer `memory.rows`.
+
+    The buffer is full if the steps are shorter than the control period. The filters then use the
+    oldest readings before these are overwritten, and wait less for a late twist.
+    """
+    row, size = (memory.newest[0] + 1) % memory.stamps.size, memory.stamps.size
+    if row == memory.newest[1]:
+        _advance(constants, memory, memory.stamps[(row + 1) % size])
     memory.newest[0] = row
     memory.stamps[row] = now_ns
     stored, n = memory.rows[row], memory.released.size
@@ -116,29 +125,33 @@ def _advance(constants: BankConstants, memory: BankMemory, target_ns: int) -> No
     """Predict the filters to a given time, and correct them with all readings up to that time."""
     record, wheels = memory.record[0], bank.ROW_WHEELS + memory.released.size
     while record.horizon_ns < target_ns and memory.newest[1] != memory.newest[0]:
-        row = (memory.newest[1] + 1) % bank.READINGS
+        before, row = memory.newest[1], (memory.newest[1] + 1) % memory.stamps.size
         reading, stamp_ns = memory.rows[row], memory.stamps[row]
         pedal, rate = reading[bank.ROW_PEDAL], reading[bank.ROW_IMU]
         f_x, f_y = reading[bank.ROW_IMU + 1], reading[bank.ROW_IMU + 2]
         until_ns = min(stamp_ns, target_ns)
         dt = (until_ns - record.horizon_ns) * 1e-9
+        first = memory.stamps[before] < 0
+        step = constants.period if first else (stamp_ns - memory.stamps[before]) * 1e-9
         if stamp_ns > target_ns:  # the time of the twist is between two readings
             share = (until_ns - record.horizon_ns) / (stamp_ns - record.horizon_ns)
             rate = record.gyro + share * (rate - record.gyro)
         filters.predict(constants, memory, dt, f_x, f_y)
         record.horizon_ns = until_ns
+        record.unmeasured += dt
         record.inertial = math.isfinite(rate + f_x + f_y)
         record.equipped = record.equipped or record.inertial
         if math.isfinite(rate):
-            filters.fuse_gyro(constants, memory, dt, rate)
+            filters.fuse_gyro(constants, memory, record.unmeasured, rate)
+            record.unmeasured = 0.0
         record.gyro = rate
         if stamp_ns > target_ns:
             return
         memory.newest[1] = row
-        record.braked = record.braked + dt if pedal > 0.0 else 0.0
+        record.braked = record.braked + step if pedal > 0.0 else 0.0
         enable, speeds = reading[wheels:], reading[bank.ROW_WHEELS : wheels]
-        fuse_wheels(constants, memory, dt, pedal, enable, speeds, math.hypot(f_x, f_y))
-        filters.weigh_braking(constants, memory, pedal)
+        fuse_wheels(constants, memory, step, pedal, enable, speeds, math.hypot(f_x, f_y))
+        filters.weigh_braking(constants, memory, step, pedal)
 
 
 @lean
@@ -160,8 +173,11 @@ def _is_lost(memory: BankMemory) -> bool:
 
 
 @lean
-def _update_posterior(constants: BankConstants, memory: BankMemory) -> None:
-    """Update the probabilities of the hypotheses by Bayes' rule, and select a hypothesis."""
+def _update_posterior(constants: BankConstants, memory: BankMemory, dt: float) -> None:
+    """Update the probabilities of the hypotheses by Bayes' rule, and select a hypothesis.
+
+    The argument `dt` is the time since the previous update [s].
+    """
     record, posterior, largest = memory.record[0], memory.posterior, -math.inf
     if record.pressed and _is_lost(memory):
         return  # all brakes act until the pedal is released
@@ -176,17 +192,17 @@ def _update_posterior(constants: BankConstants, memory: BankMemory) -> None:
     at_best = 0.0
     for k in range(bank.HYPOTHESES):
         probability = math.exp(posterior[k] - largest) / total
-        probability += constants.transition * (constants.prior[k] - probability)
+        probability += constants.transition_rate * dt * (constants.prior[k] - probability)
         posterior[k] = math.log(probability)
         if probability > at_best:
             record.best, at_best = k, probability
 
 
 @lean
-def _mix(memory: BankMemory, best: int) -> None:
+def _mix(memory: BankMemory, best: int, weight: float) -> None:
     """Mix each filter with the best filter, so that no filter drifts while the pedal is up.
 
-    The best filter has the weight `_MIXING` in the mean and in the covariance of the mixture.
+    In the mean and in the covariance of the mixture, the filter `best` has the given weight.
     """
     there, p_there = memory.state[best], memory.covariance[best]
     for k in range(bank.FILTERS):
@@ -195,12 +211,12 @@ def _mix(memory: BankMemory, best: int) -> None:
         here, p_here = memory.state[k], memory.covariance[k]
         for i in range(STATES):
             for j in range(STATES):
-                apart = (1.0 - _MIXING) * (there[i] - here[i]) * (there[j] - here[j])
-                p_here[i, j] += _MIXING * (p_there[i, j] - p_here[i, j] + apart)
+                apart = (1.0 - weight) * (there[i] - here[i]) * (there[j] - here[j])
+                p_here[i, j] += weight * (p_there[i, j] - p_here[i, j] + apart)
         for i in range(STATES):
-            here[i] += _MIXING * (there[i] - here[i])
+            here[i] += weight * (there[i] - here[i])
         for i in range(memory.rim.size):
-            memory.faulty[k, i] += _MIXING * (memory.faulty[best, i] - memory.faulty[k, i])
+            memory.faulty[k, i] += weight * (memory.faulty[best, i] - memory.faulty[k, i])
 
 
 @lean
@@ -237,7 +253,7 @@ def _answer(constants: BankConstants, memory: BankMemory, best: int, answer: Flo
         state[i] = memory.state[best, i]
     row, before_ns = memory.newest[1], record.horizon_ns
     while row != memory.newest[0]:
-        row = (row + 1) % bank.READINGS
+        row = (row + 1) % memory.stamps.size
         reading, dt = memory.rows[row], (memory.stamps[row] - before_ns) * 1e-9
         before_ns = memory.stamps[row]
         gyro = reading[bank.ROW_IMU]

@@ -23,6 +23,17 @@ GATE = 30.0
 
 
 @lean
+def new_information(dt: float, correlation_time: float) -> float:
+    """Return the exponent of the likelihood of a reading, at most 1.
+
+    Args:
+        dt: time since the last reading [s].
+        correlation_time: time over which the errors of the readings are correlated [s].
+    """
+    return min(dt / correlation_time, 1.0)
+
+
+@lean
 def propagate(state: FloatArray, k: int, dt: float, f_x: float, f_y: float) -> bool:
     """Advance the velocity of a filter with the yaw rate and, if known, the specific force.
 
@@ -153,7 +164,7 @@ def fuse_gyro(
     """
     record, h = memory.record[0], memory.h
     own = constants.rate**2 + (bank.SHARE * rate) ** 2
-    change = rate - record.gyro
+    change, weight = rate - record.gyro, new_information(dt, constants.correlation_time)
     h[:] = 0.0
     h[RATE] = h[bank.BIAS_RATE] = 1.0
     for k in range(bank.HYPOTHESES):
@@ -165,7 +176,7 @@ def fuse_gyro(
             innovation = change if math.isfinite(change) else 0.0
             total = 2.0 * own + dt * constants.turn**2
         squared = innovation**2 / total
-        memory.evidence[k] -= constants.weight * 0.5 * (min(squared, GATE) + math.log(total))
+        memory.evidence[k] -= weight * 0.5 * (min(squared, GATE) + math.log(total))
         if uses and squared <= GATE:
             correct(memory, k, innovation, own, (bank.BIAS_RATE, bank.OFFSET))
 
@@ -238,6 +249,7 @@ def fuse_twist(
         twist: the twist.
     """
     record, last = memory.record[0], memory.twist
+    weight = new_information(dt, constants.correlation_time)
     angle = 0.5 * (last[RATE] + twist.value[RATE]) * dt
     c, s = math.cos(angle), math.sin(angle)
     # Rotate the last twist into the body axes at the time of the new one.
@@ -252,7 +264,7 @@ def fuse_twist(
             logs += math.log(total)
             if k == bank.ALL:
                 memory.ratio[j] = part / GATE
-        memory.evidence[k] -= constants.weight * 0.5 * (min(squared, 2.0 * GATE) + logs)
+        memory.evidence[k] -= weight * 0.5 * (min(squared, 2.0 * GATE) + logs)
         if rejects <= GATE or not record.equipped:
             for j in range(3):
                 if _uses_twist(k, j):
@@ -263,7 +275,9 @@ def fuse_twist(
 
 
 @lean
-def weigh_braking(constants: bank.BankConstants, memory: bank.BankMemory, pedal: float) -> None:
+def weigh_braking(
+    constants: bank.BankConstants, memory: bank.BankMemory, dt: float, pedal: float
+) -> None:
     """Reduce the likelihoods of filters whose deceleration in a stop is too small.
 
     The limit is the deceleration on slippery ground.
@@ -271,10 +285,14 @@ def weigh_braking(constants: bank.BankConstants, memory: bank.BankMemory, pedal:
     Args:
         constants: constants of the vehicle.
         memory: memory of the bank, changed in place.
+        dt: length of the step [s].
         pedal: the driver's brake demand, 0 to 1.
     """
     record, speeds, row = memory.record[0], memory.filter_speeds, memory.newest[1]
-    first = (row - bank.LOSS_STEPS) % bank.READINGS
+    first, size, oldest_ns = row, memory.stamps.size, memory.stamps[row] - bank.LOSS_NS
+    while memory.stamps[first] > oldest_ns and (first - 1) % size != row:
+        first = (first - 1) % size
+    weight = new_information(dt, constants.wheel_correlation_time)
     for k in range(bank.FILTERS):
         speeds[row, k] = math.hypot(memory.state[k, U_X], memory.state[k, U_Y])
     time = (memory.stamps[row] - memory.stamps[first]) * 1e-9
@@ -283,5 +301,5 @@ def weigh_braking(constants: bank.BankConstants, memory: bank.BankMemory, pedal:
     for k in range(bank.FILTERS):
         least = min(constants.least_loss * pedal * time, 0.5 * speeds[first, k])
         missing = max(least - (speeds[first, k] - speeds[row, k]), 0.0)
-        memory.evidence[k] -= constants.wheel_weight * 0.5 * (missing / bank.WHEEL) ** 2
-    memory.evidence[bank.NO_ESTIMATE] -= constants.wheel_weight
+        memory.evidence[k] -= weight * 0.5 * (missing / bank.WHEEL) ** 2
+    memory.evidence[bank.NO_ESTIMATE] -= weight

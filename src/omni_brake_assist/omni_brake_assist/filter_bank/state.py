@@ -26,13 +26,11 @@ TWIST_FAULTS = *DEAD_RECKONING, NO_RATE
 U_X, U_Y, RATE, BIAS_RATE, BIAS_X, BIAS_Y, SCALE, OFFSET = range(8)
 STATES = 8
 
-READINGS = 64
-"""Number of past steps whose readings are stored; they are needed if a twist arrives late."""
 ROW_PEDAL, ROW_IMU, ROW_WHEELS = 0, 1, 4
 """Index of the first column of the pedal, the IMU and the wheels in a row of stored readings."""
 
-LOSS_STEPS = 10
-"""Number of steps over which the decrease of the speed is measured."""
+LOSS_NS = 100_000_000
+"""Time over which the decrease of the speed is measured [ns]."""
 
 FAULTY = 0.5
 """Probability that an encoder is faulty above which the encoder is isolated [1]."""
@@ -56,6 +54,7 @@ BANK = np.dtype(
         ("horizon_ns", "i8"),  # time at which the filter states are valid [ns]
         ("twist_ns", "i8"),  # time of validity of the newest twist [ns]
         ("gyro", "f8"),  # last reading of the gyro [rad/s], NaN if there is none
+        ("unmeasured", "f8"),  # time since the last reading of the gyro [s]
         ("braked", "f8"),  # time since the pedal was pressed [s]
         ("unsupported", "f8"),  # time for which no wheel has rolled although one could [s]
         ("restart_ns", "i8"),  # time of the last restart of the filter of all sources [ns]
@@ -110,13 +109,19 @@ class BankConstants(NamedTuple):
             over the time T is F / sqrt(4 c m w T), for the friction force F = 2000 N, the tire's
             stiffness c = 2e5 N/m, the rim's mass m = 25 kg, w = sqrt(c / m) and T = `rebound_time`.
         rebound_time: time in which the rim speeds up and the tire springs back [s].
-        weight: exponent of the likelihoods of a step, below 1 because errors are correlated [1].
-        wheel_weight: exponent of the likelihoods of the wheels in a step [1].
+        correlation_time: time over which the errors of gyro and twist are correlated [s]. A reading
+            that follows the last one sooner contains less new information, so the exponent of its
+            likelihood is the share of this time that has passed. The time is half a period of the
+            tire's oscillation, pi / w with the w of `rebound`.
+        wheel_correlation_time: time over which the errors of the wheel speeds are correlated [s],
+            which is longer because a wheel also has to speed up.
         drift: random walk of the constant states (biases, scale, offset), as a share of their
             initial standard deviation [1/sqrt(s)].
-        transition: probability of a transition between hypotheses in a step [1].
+        transition_rate: probability of a transition between hypotheses per time [1/s].
         velocity_deviation: limit on the standard deviation of the velocity of a valid estimate
             [m/s].
+        period: control period [s].
+        rows: number of control steps whose readings are stored.
     """
 
     n_x: FloatArray
@@ -134,21 +139,23 @@ class BankConstants(NamedTuple):
     nothing: NDArray[np.void]
     rate_deviation: float
     least_loss: float
+    period: float
+    rows: int
     force: float = 0.02
     walk: float = 1.0
     turn: float = 3.0
     rate: float = 0.01
     rebound: float = 0.12
     rebound_time: float = 0.15
-    weight: float = 0.3
-    wheel_weight: float = 0.2
+    correlation_time: float = 1.0 / 30.0
+    wheel_correlation_time: float = 0.05
     drift: float = 0.1
-    transition: float = 1e-3
+    transition_rate: float = 0.1
     velocity_deviation: float = 0.4
 
 
 class BankMemory(NamedTuple):
-    """State of the filter bank between two steps.
+    """State of the filter bank between two steps; R is `BankConstants.rows`.
 
     Attributes:
         state: state of each filter, columns `U_X` to `OFFSET`, shape (7, 8).
@@ -175,10 +182,10 @@ class BankMemory(NamedTuple):
         wheel_ratio: test ratio of each wheel, NaN while it slides [1], shape (N,).
         ratio: test ratios of the components of the twist in the filter of all sources [1],
             shape (3,).
-        filter_speeds: speed of each of the 7 filters at the stored readings [m/s], shape (64, 7).
+        filter_speeds: speed of each of the 7 filters at the stored readings [m/s], shape (R, 7).
         rows: readings of the past steps, a ring buffer; each row contains pedal, yaw rate,
-            specific force (x, y), N wheel speeds and N enables, shape (64, 4 + 2 N).
-        stamps: stamps of these readings [ns], -1 for readings before the start, shape (64,).
+            specific force (x, y), N wheel speeds and N enables, shape (R, 4 + 2 N).
+        stamps: stamps of these readings [ns], -1 for readings before the start, shape (R,).
         newest: row of the newest reading, and row of the newest reading that the filters have used,
             shape (2,).
         h: direction in the state space that a measurement observes, shape (8,).
@@ -223,7 +230,7 @@ def bank_constants(
     configuration: BrakeAssistConfiguration, geometry: PlatformGeometry
 ) -> BankConstants:
     """Return the constants of the filter bank for a configuration and wheel geometry."""
-    p_x, p_y = configuration.imu_x, configuration.imu_y
+    p_x, p_y, period = configuration.imu_x, configuration.imu_y, configuration.control_period
     n_x, n_y = np.ascontiguousarray(geometry.active.T)
     return BankConstants(
         n_x=n_x,
@@ -241,11 +248,14 @@ def bank_constants(
         nothing=np.zeros(1, BANK),
         rate_deviation=configuration.maximum_yaw_rate_deviation,
         least_loss=least_loss(geometry.rim.size),
+        period=period,
+        rows=configuration.steps_until_twist + math.ceil(LOSS_NS * 1e-9 / period) + 2,
     )
 
 
-def bank_memory(wheels: int) -> BankMemory:
-    """Return the initial memory of the filter bank for N wheels, without any reading."""
+def bank_memory(constants: BankConstants) -> BankMemory:
+    """Return the initial memory of the filter bank, without any reading."""
+    wheels, rows = constants.roll.size, constants.rows
     return BankMemory(
         np.zeros((FILTERS, STATES)),
         np.zeros((FILTERS, STATES, STATES)),
@@ -264,9 +274,9 @@ def bank_memory(wheels: int) -> BankMemory:
         np.zeros((HYPOTHESES, wheels)),
         np.full(wheels, np.nan),
         np.zeros(3),
-        np.zeros((READINGS, FILTERS)),
-        np.zeros((READINGS, ROW_WHEELS + 2 * wheels)),
-        np.full(READINGS, -1, np.int64),
+        np.zeros((rows, FILTERS)),
+        np.zeros((rows, ROW_WHEELS + 2 * wheels)),
+        np.full(rows, -1, np.int64),
         np.zeros(2, np.int64),
         np.zeros(STATES),
         np.zeros(STATES),
@@ -287,7 +297,7 @@ def begin(constants: BankConstants, memory: BankMemory, now_ns: int, twist: Twis
     bank.received = twist.validity == VALID
     for j in range(memory.twist.size):
         memory.twist[j] = twist.value[j] if bank.received else 0.0
-    bank.gyro = math.nan
+    bank.gyro, bank.unmeasured = math.nan, constants.period
     memory.newest[1] = memory.newest[0]
     memory.released[:] = 0.0
     memory.rim[:] = math.nan

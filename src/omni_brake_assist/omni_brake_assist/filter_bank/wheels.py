@@ -9,7 +9,12 @@ import math
 from typing import NamedTuple
 
 from omni_brake_assist.filter_bank import state as bank
-from omni_brake_assist.filter_bank.filters import GATE, correct, variance_along
+from omni_brake_assist.filter_bank.filters import (
+    GATE,
+    correct,
+    new_information,
+    variance_along,
+)
 from omni_brake_assist.filter_bank.state import RATE, SCALE, U_X, U_Y, BankConstants, BankMemory
 from omni_platform.kernels import lean
 from omni_platform.quantities import FloatArray
@@ -26,9 +31,16 @@ _GAIN, _IDLE, _HELD = 0.1, 0.05, 0.08
 # Width of the range of readings of a faulty encoder: the width at standstill [m/s], and the
 # increase of the width per vehicle speed [1].
 _SPEED_RANGE, _SPEED_SHARE = 10.0, 2.0
-# Standard deviation of a driven wheel's slip (share of the vehicle's speed) per specific force:
-# 0.01 times sqrt(40), because the slip is constant over about 40 steps [s^2/m].
-_SLIP = 0.063
+# Standard deviation of a driven wheel's slip (share of the vehicle's speed) per specific force,
+# times the square root of the step: 0.01 s^2/m times sqrt(0.4 s), because the slip is constant over
+# about 0.4 s [s^2.5/m].
+_SLIP = 0.0063
+# Time for which the deviation from rolling that accompanies the acceleration of a rim lasts: the
+# tire deflects, and the reading is a mean over a period [s].
+_LAG = 0.04
+
+
+_SHORTEST = 1e-6  # steps between repeated stamps count as this long [s]
 
 
 class _Wheel(NamedTuple):
@@ -80,11 +92,13 @@ def fuse_wheels(
         speeds: wheel speeds [rad/s], shape (N,).
         push: magnitude of the specific force, NaN without an IMU [m/s^2].
     """
-    record, own = memory.record[0], bank.WHEEL**2 + _slip(constants, memory, push) ** 2
+    record, dt = memory.record[0], max(dt, _SHORTEST)
+    own = bank.WHEEL**2 + _slip(constants, memory, push) ** 2 / dt
     released, rolling, braking = False, False, pedal > 0.0
     span = _SPEED_RANGE + _SPEED_SHARE * math.hypot(memory.twist[0], memory.twist[1])
     # Without an estimate, encoders are as probably faulty as under the best hypothesis.
     best = min(record.best, bank.NO_IMU)
+    weight = new_information(dt, constants.wheel_correlation_time)
     for i in range(speeds.size):
         rim = constants.roll[i] * speeds[i]
         change = rim - memory.rim[i]
@@ -99,13 +113,13 @@ def fuse_wheels(
         if acts or share > memory.mark[i] + _GAIN / free:
             memory.idle[i], memory.mark[i] = 0.0, share
         memory.idle[i] += dt
-        variance = own + (16.0 * change**2 if math.isfinite(change) else 0.0)
+        variance = own + ((_LAG * change / dt) ** 2 if math.isfinite(change) else 0.0)
         wheel = _mixture(constants, memory, i, dt, braking, load, variance)
-        faulty, weight = memory.faulty[best, i], constants.wheel_weight
+        faulty = memory.faulty[best, i]
         likelihood = (1.0 - faulty) * (wheel.locked + 1.0 / span) ** weight
         memory.evidence[bank.NO_ESTIMATE] += math.log(likelihood + faulty / span**weight)
         for k in range(bank.FILTERS):
-            _fuse_wheel(constants, memory, i, k, wheel, span)
+            _fuse_wheel(constants, memory, i, k, wheel, span, dt)
         released = released or memory.released[i] >= constants.spin_up
         rolling = rolling or math.isfinite(memory.wheel_ratio[i])
     record.unsupported += dt if braking and released else 0.0
@@ -123,7 +137,7 @@ def _rolling_speed(constants: BankConstants, memory: BankMemory, i: int) -> floa
 
 @lean
 def _slip(constants: BankConstants, memory: BankMemory, push: float) -> float:
-    """Return the standard deviation of the slip of driven wheels [m/s].
+    """Return the standard deviation of the slip of driven wheels times sqrt(step) [m/s sqrt(s)].
 
     In a stop, it is 0 after the clutches of the drives have opened, because no wheel is driven any
     more. The argument `push` is that of `fuse_wheels`.
@@ -211,7 +225,13 @@ def _largest_slip(
 
 @lean
 def _fuse_wheel(
-    constants: BankConstants, memory: BankMemory, i: int, k: int, wheel: _Wheel, span: float
+    constants: BankConstants,
+    memory: BankMemory,
+    i: int,
+    k: int,
+    wheel: _Wheel,
+    span: float,
+    dt: float,
 ) -> None:
     """Update the evidence of filter `k` and its encoder probability with the speed of wheel `i`.
 
@@ -237,7 +257,7 @@ def _fuse_wheel(
     spread = math.sqrt(2.0 * (bank.WHEEL**2 + reading + predicted))
     inside = math.erf(behind / spread) - math.erf((behind - width) / spread)
     sliding = locked + slides * 0.5 * inside / width
-    possible, weight = rolling + sliding, constants.wheel_weight
+    possible, weight = rolling + sliding, new_information(dt, constants.wheel_correlation_time)
     faulty = memory.faulty[k, i]
     for other in memory.faulty[k]:
         faulty = min(faulty, bank.PRIOR) if other > faulty else faulty
@@ -254,4 +274,4 @@ def _fuse_wheel(
     # Bayes' rule. A reading that sliding could explain is no evidence that the encoder works.
     odds, faulty = (rolling + min(sliding, 1.0 / span)) * span, memory.faulty[k, i]
     faulty /= faulty + (1.0 - faulty) * odds**weight
-    memory.faulty[k, i] = faulty + constants.transition * (bank.PRIOR - faulty)
+    memory.faulty[k, i] = faulty + constants.transition_rate * dt * (bank.PRIOR - faulty)

@@ -22,14 +22,12 @@ from omni_brake_assist.configuration import BrakeAssistConfiguration
 from omni_brake_assist.laws.allocation_state import BODY, GRAVITY, WHEEL, Constants, Memory
 from omni_brake_assist.laws.braking_qp import allocate, new_qp
 from omni_brake_assist.laws.law import ASSIST, NO_HELP, Motion
-from omni_brake_assist.laws.observers import observe
+from omni_brake_assist.laws.observers import LONGEST_DEAD_TIME, observe
 from omni_brake_assist.laws.slip_control import control_slip
-from omni_brake_assist.laws.wheel_model import QUEUE, NominalBrake
+from omni_brake_assist.laws.wheel_model import NominalBrake
 from omni_platform.geometry import PlatformGeometry
 from omni_platform.kernels import lean
 from omni_platform.quantities import FloatArray
-
-_PERIOD = 0.01  # control period assumed at the first step [s]
 
 
 def make_constants(
@@ -37,6 +35,7 @@ def make_constants(
 ) -> Constants:
     """Return the constants of the law for a configuration and wheel geometry."""
     brake, rim = configuration.brake, geometry.rim
+    longest = max(brake.dead_time, LONGEST_DEAD_TIME)
     return Constants(
         active=np.column_stack((geometry.active, geometry.lever)),
         rim=rim,
@@ -45,15 +44,18 @@ def make_constants(
         gyration=math.sqrt(np.mean(geometry.position**2)),
         mass=configuration.nominal_mass,
         max_rotation=math.radians(configuration.max_rotation),
+        period=configuration.control_period,
+        commands=math.ceil(longest / configuration.control_period) + 3,
         brake=NominalBrake(brake.dead_time, brake.time_constant, brake.pressure_step),
         **vars(configuration.allocation)
         | {"target_slip": configuration.allocation.target_slip * geometry.radius / np.abs(rim)},
     )
 
 
-def new_memory(wheels: int) -> Memory:
-    """Return the initial state of the law for N wheels."""
-    sent, forces = np.zeros((QUEUE, wheels)), np.zeros((2, wheels))
+def new_memory(law: Constants) -> Memory:
+    """Return the initial state of the law."""
+    wheels = law.rim.size
+    sent, forces = np.zeros((law.commands, wheels)), np.zeros((2, wheels))
     return Memory(np.zeros(1, BODY), np.zeros(wheels, WHEEL), sent, new_qp(wheels), forces)
 
 
@@ -67,7 +69,7 @@ def step(
     present rim speed, would have the target slip [m/s].
     """
     body, wheel = memory.body[0], memory.wheel
-    body.dt = motion.dt if motion.dt > 0.0 else _PERIOD
+    body.dt = motion.dt if motion.dt > 0.0 else law.period
     if motion.first:  # assume the nominal mass, equal wheel loads and a friction coefficient of 1
         body.steps, body.responded, body.dead_time = 0, False, law.brake.dead_time
         body.heading = body.yaw_disturbance = body.lateral_disturbance = 0.0
@@ -79,7 +81,7 @@ def step(
     allocate(law, memory, motion)
     control_slip(law, memory, motion, enable)
     for i in range(enable.size):  # the upper bound of a share is 0 for a failed brake, otherwise 1
-        memory.sent[body.steps % QUEUE, i] = enable[i] * motion.pedal * memory.qp.upper[i]
+        memory.sent[body.steps % law.commands, i] = enable[i] * motion.pedal * memory.qp.upper[i]
     body.twist[0], body.twist[1], body.twist[2] = motion.v_x, motion.v_y, motion.yaw_rate
     body.steps += 1
     return ASSIST

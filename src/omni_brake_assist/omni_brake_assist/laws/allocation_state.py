@@ -70,6 +70,8 @@ class Constants(NamedTuple):
         gyration: assumed radius of gyration of the vehicle about the vertical axis [m].
         mass: nominal mass of the vehicle [kg].
         max_rotation: allowed change of heading and of the direction of motion [rad].
+        period: control period, assumed at the first step [s].
+        commands: number of stored commands, enough for the longest dead time.
         brake: nominal lag of the brakes.
         target_slip: ratio of the sliding speed to the speed of the rim along the active direction
             at which the tire transmits its largest force [1], shape (N,).
@@ -91,6 +93,8 @@ class Constants(NamedTuple):
     gyration: float
     mass: float
     max_rotation: float
+    period: float
+    commands: int
     brake: NominalBrake
     target_slip: FloatArray
     observer_time: float
@@ -107,7 +111,7 @@ class Memory(NamedTuple):
         body: state of the vehicle, a record of `BODY`, shape (1,).
         wheel: state of each wheel, records of `WHEEL`, shape (N,).
         sent: commands of past steps as shares of the force with the pedal fully down [1], a ring
-            buffer, shape (QUEUE, N).
+            buffer, shape (Q, N); Q is `Constants.commands`.
         qp: the braking QP with the unknowns listed in `braking_qp`. Its solution begins with the
             demanded shares of the wheels' capacities.
         forces: predicted low-passed friction force of each wheel with the valve shut and with the

@@ -21,7 +21,7 @@ from omni_platform.kernels import lean
 from omni_platform.quantities import FloatArray
 
 _RESPONSE = 0.3  # share of the expected loss of wheel speed that counts as a response [1]
-_LONGEST_DEAD_TIME = 0.15  # a dead time above this limit is not increased [s]
+LONGEST_DEAD_TIME = 0.15  # a dead time above this limit is not increased [s]
 _LEAST_CAPACITY = 1.0  # lower limit, so that shares of the capacity are defined [N]
 
 
@@ -76,7 +76,7 @@ def _observe_wheels(law: Constants, memory: Memory, motion: Motion, error: Float
             expected += wheel.last_speed - after
             lost += wheel.last_speed - wheel.speed
     if expected > 0.0:
-        body.responded = lost > _RESPONSE * expected or body.dead_time > _LONGEST_DEAD_TIME
+        body.responded = lost > _RESPONSE * expected or body.dead_time > LONGEST_DEAD_TIME
         if not body.responded:
             body.dead_time += body.dt
             memory.wheel["brake"][:] = 0.0

@@ -65,7 +65,7 @@ def control_slip(law: Constants, memory: Memory, motion: Motion, enable: FloatAr
         hub = wheel.hub * body.left / (body.left + body.dead_time + 1e-9)
         braked = BrakedWheel(wheel.capacity, law.target_slip[i], law.wheel_mass[i], hub)
         rim = Rim(wheel.speed, wheel.brake, wheel.force)
-        for k in range(min(math.ceil(delay - 1e-9), model.QUEUE)):
+        for k in range(min(math.ceil(delay - 1e-9), law.commands)):
             command = model.command_at(memory.sent, body.steps - 1, max(delay - 1.0 - k, 0.0), i)
             rim = advance(law.brake, braked, rim, law.most[i] * command, *times)
         most = law.most[i] * motion.pedal

@@ -15,9 +15,6 @@ from typing import NamedTuple
 from omni_platform.kernels import lean
 from omni_platform.quantities import FloatArray
 
-QUEUE = 128
-"""Limit on the dead time that can be modeled, in control steps."""
-
 
 class NominalBrake(NamedTuple):
     """Properties of a brake that the law assumes.
@@ -55,14 +52,15 @@ def command_at(sent: FloatArray, newest: int, delay: float, i: int) -> float:
     """Return the command to brake `i` at a time in the past, in the unit of `sent`.
 
     Args:
-        sent: commands of past steps, a ring buffer, shape (QUEUE, N).
+        sent: commands of past steps, a ring buffer, shape (Q, N).
         newest: row of the newest command.
         delay: number of steps before the newest command; may be fractional.
         i: index of the wheel.
     """
-    whole = min(math.floor(delay), QUEUE - 2)
+    size = sent.shape[0]
+    whole = min(math.floor(delay), size - 2)
     share = min(delay - whole, 1.0)
-    late, later = sent[(newest - whole) % QUEUE, i], sent[(newest - whole - 1) % QUEUE, i]
+    late, later = sent[(newest - whole) % size, i], sent[(newest - whole - 1) % size, i]
     return float((1.0 - share) * late + share * later)
 
 

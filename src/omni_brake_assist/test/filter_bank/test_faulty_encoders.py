@@ -44,7 +44,7 @@ def isolated_encoder(
     """
     configuration = BrakeAssistConfiguration(wheels=mounts, brake=brake)
     constants = bank_constants(configuration, PlatformGeometry.from_wheels(mounts))
-    memory, answer = bank_memory(len(mounts)), np.empty(3)
+    memory, answer = bank_memory(constants), np.empty(3)
     for k in range(-PEDAL, round(seconds / STEP)):
         time = max(k * STEP, 0.0)
         v, braking = START - BRAKE * time, k >= 0

@@ -32,16 +32,22 @@ class Drive:
         wheels: dict[str, WheelMount],
         place: tuple[float, float] = (0.0, 0.0),
         delay: float = 0.0,
+        period_ns: int = PERIOD_NS,
     ) -> None:
         configuration = BrakeAssistConfiguration(
-            wheels=wheels, imu_x=place[0], imu_y=place[1], feedback_delay=delay
+            wheels=wheels,
+            imu_x=place[0],
+            imu_y=place[1],
+            feedback_delay=delay,
+            control_period=period_ns * 1e-9,
         )
-        self.unsaid = delay * 1e9 / PERIOD_NS  # steps by which stamps are later than the motion
+        self.period_ns, self.pedal = period_ns, PEDAL * PERIOD_NS // period_ns
+        self.unsaid = delay * 1e9 / period_ns  # steps by which stamps are later than the motion
         self.constants: bank.BankConstants = bank.bank_constants(
             configuration, PlatformGeometry.from_wheels(wheels)
         )
         self.kinematics, self.place = PlatformKinematics(wheels), place
-        self.memory = bank.bank_memory(len(wheels))
+        self.memory = bank.bank_memory(self.constants)
         self.heading = 0.0  # of the body at the start [rad]
         self.imu_lost = 1000  # step from which on no IMU reading is received
         self.variance = 1e-6  # of each component of the twist [square of its unit]
@@ -50,11 +56,11 @@ class Drive:
 
     def truth(self, step: float) -> tuple[FloatArray, float, float]:
         """Return the body twist, the yaw and the deceleration at a step."""
-        time = max(step - PEDAL, 0.0) * PERIOD_NS / 1e9
+        time = max(step - self.pedal, 0.0) * self.period_ns / 1e9
         speed, yaw = START - BRAKE * time, self.heading + 0.5 * TURN * time**2
         rate = TURN * time
         twist = np.array([speed * math.cos(yaw), -speed * math.sin(yaw), rate])
-        return twist, yaw, BRAKE if step > PEDAL else 0.0
+        return twist, yaw, BRAKE if step > self.pedal else 0.0
 
     def inertial(self, step: int) -> FloatArray:
         """Return the yaw rate and the mean specific force of the period at the IMU."""
@@ -65,7 +71,7 @@ class Drive:
             u_y = twist[1] + twist[2] * self.place[0]
             c, s = math.cos(yaw), math.sin(yaw)
             velocity.append(np.array([c * u_x - s * u_y, s * u_x + c * u_y]))
-        force = (velocity[1] - velocity[0]) * 1e9 / PERIOD_NS
+        force = (velocity[1] - velocity[0]) * 1e9 / self.period_ns
         _, yaw, _ = self.truth(step - 0.5)
         c, s = math.cos(yaw), math.sin(yaw)
         rate = self.truth(step)[0][2]
@@ -84,7 +90,7 @@ class Drive:
         """Run all steps; the twist is `late` steps old, and each is used for `hold` steps."""
         count = len(self.memory.rim)
         for step in range(steps):
-            braking, faulty = step >= PEDAL, onset <= step < until
+            braking, faulty = step >= self.pedal, onset <= step < until
             taken = max(step - late, 0) // hold * hold
             twist, _, _ = self.truth(onset if faulty and fault == "stuck" else taken - self.unsaid)
             inertial = self.inertial(step) if step < self.imu_lost else np.full(3, np.nan)
@@ -109,10 +115,13 @@ class Drive:
                 speeds[0 if fault in ("locked", "pulses") else 1 :] = 0.0
             if faulty and fault == "ice":
                 speeds[0] = min(speeds[0], size * (step - onset))
-            now_ns, answer = step * PERIOD_NS, np.full(3, np.nan)
+            now_ns, answer = step * self.period_ns, np.full(3, np.nan)
             readings = bank.Readings(1.0 if braking else 0.0, enable, inertial, speeds)
             measured = TwistSample(
-                taken * PERIOD_NS, twist, self.variance * np.eye(3), VALID if received else MISSING
+                taken * self.period_ns,
+                twist,
+                self.variance * np.eye(3),
+                VALID if received else MISSING,
             )
             found = estimate(self.constants, self.memory, now_ns, readings, measured, answer)
             self.chosen.append(found)
@@ -120,7 +129,7 @@ class Drive:
 
     def time_until(self, out: int, onset: int = 80) -> float:
         """Return the time from the onset of a fault to the isolation of its source [s]."""
-        return (self.chosen.index(out, onset) + 1 - onset) * PERIOD_NS / 1e9
+        return (self.chosen.index(out, onset) + 1 - onset) * self.period_ns / 1e9
 
     @property
     def error(self) -> FloatArray:
@@ -139,6 +148,33 @@ def test_fault_free_sensors_are_all_used(drive: Drive, heading: float) -> None:
     drive.run(200)
     assert set(drive.chosen) == {bank.ALL}
     assert drive.error == pytest.approx(0.0, abs=0.01)
+
+
+@pytest.mark.parametrize("period_ns", [2_500_000, 5_000_000, 20_000_000])
+@pytest.mark.parametrize(
+    ("fault", "size", "out"), [("twist", 1.0, bank.NO_VELOCITY), ("force", 5.0, bank.NO_FORCE)]
+)
+def test_the_time_until_isolation_does_not_depend_on_the_control_period(
+    mecanum: dict[str, WheelMount], fault: str, size: float, out: int, period_ns: int
+) -> None:
+    times = []
+    for period in (PERIOD_NS, period_ns):
+        drive, onset = Drive(mecanum, period_ns=period), 80 * PERIOD_NS // period
+        drive.run(200 * PERIOD_NS // period, fault, onset, size)
+        times.append(drive.time_until(out, onset))
+    assert times[1] == pytest.approx(times[0], abs=0.02)
+
+
+@pytest.mark.parametrize("delay", [0.05, 0.1, 0.2])
+def test_readings_at_1_khz_reach_back_to_a_late_twist(
+    mecanum: dict[str, WheelMount], delay: float
+) -> None:
+    drive = Drive(mecanum, delay=delay, period_ns=1_000_000)
+    drive.imu_lost = 2000
+    drive.run(1500, onset=2000, hold=20)  # twists at 50 Hz
+    errors = np.abs([answer - drive.truth(k)[0] for k, answer in enumerate(drive.answers)])
+    assert set(drive.chosen[600:]) == {bank.ALL}
+    assert np.max(errors[600:]) < 0.02
 
 
 @pytest.mark.safety(

@@ -14,7 +14,13 @@ from omni_brake_assist.laws.braking_qp import SIDE, allocate
 from omni_brake_assist.laws.law import ASSIST, NO_HELP, Motion
 from omni_brake_assist.laws.observers import observe_body, observe_friction
 from omni_brake_assist.laws.slip_control import Rim, advance, command_for, control_slip
-from omni_brake_assist.laws.wheel_model import BrakedWheel, NominalBrake, advance_rim, lagged
+from omni_brake_assist.laws.wheel_model import (
+    BrakedWheel,
+    NominalBrake,
+    advance_rim,
+    command_at,
+    lagged,
+)
 from omni_platform.brakes import ON_OFF, PROPORTIONAL, BrakeConfiguration
 from omni_platform.geometry import PlatformGeometry, WheelMount
 
@@ -74,20 +80,35 @@ def test_a_braked_wheel_settles_where_friction_balances_the_brake() -> None:
     assert force == 4000.0
 
 
-def _law(wheels: Wheels, kind: str = PROPORTIONAL) -> tuple[Constants, Memory]:
+def _law(
+    wheels: Wheels, kind: str = PROPORTIONAL, dead_time: float = 0.0, period: float = 0.01
+) -> tuple[Constants, Memory]:
     configuration = BrakeAssistConfiguration(
         wheels=wheels,
         law="allocation",
         wheel_inertia=0.5,
-        brake=BrakeConfiguration(kind=kind, max_torque=1500.0),
+        brake=BrakeConfiguration(kind=kind, max_torque=1500.0, dead_time=dead_time),
+        control_period=period,
     )
     geometry = PlatformGeometry.from_wheels(wheels)
-    return allocation.make_constants(configuration, geometry), allocation.new_memory(len(wheels))
+    constants = allocation.make_constants(configuration, geometry)
+    return constants, allocation.new_memory(constants)
 
 
 def _motion(v_x: float, spin: float, wheels: int, *, first: bool, pedal: float = 1.0) -> Motion:
     speeds = np.full(wheels, spin)
     return Motion(first, 0.0 if first else 0.01, v_x, 0.0, 0.0, 0.0, 1.0, pedal, speeds)
+
+
+@pytest.mark.parametrize("period", [0.001, 0.005, 0.02])
+def test_a_command_acts_after_the_dead_time_at_any_control_period(
+    mecanum: Wheels, period: float
+) -> None:
+    law, memory = _law(mecanum, dead_time=0.9, period=period)
+    steps = round(0.9 / period)
+    for step in range(steps + 1):
+        memory.sent[step % law.commands] = float(step == 0)
+    assert command_at(memory.sent, steps, 0.9 / period, 0) == pytest.approx(1.0)
 
 
 @pytest.mark.parametrize(("unknown", "answer"), [(2, ASSIST), (3, NO_HELP), (4, NO_HELP)])
