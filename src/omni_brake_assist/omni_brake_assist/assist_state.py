@@ -18,6 +18,7 @@ from omni_platform.signals import ImuSample, TwistSample, WheelSample
 _STEP = np.dtype(
     [
         ("followed_ns", "i8"),  # stamp of the last valid twist [ns]
+        ("imu_ns", "i8"),  # stamp of the newest IMU reading [ns]
         ("switched_ns", "i8"),  # stamp of the last valve update [ns]
         ("slow", "?"),  # whether the speed has fallen below the threshold
         ("reckoned", "?"),  # whether the motion is estimated without using the twist
@@ -128,7 +129,7 @@ class Inputs(NamedTuple):
             UNKNOWN_WHEEL or WRONG_FRAME; GOOD if no such condition was detected.
         feedback: latest received twist.
         wheels: latest received wheel speeds.
-        imu: latest received IMU reading.
+        imu: IMU readings of the step, integrated over it.
     """
 
     now_ns: int
@@ -180,10 +181,11 @@ def make_constants(
 
 def new_memory(constants: Constants) -> Memory:
     """Return the state of an assistant that has received no message yet."""
-    wheels = constants.r_x.size
+    wheels, step = constants.r_x.size, np.zeros(1, _STEP)
+    step["imu_ns"] = -1
     return Memory(
         fail_safe.new_gate(),
-        np.zeros(1, _STEP),
+        step,
         braking_line.new_line(),
         np.zeros(wheels, _VALVE),
         allocation.new_memory(constants.laws.allocation),

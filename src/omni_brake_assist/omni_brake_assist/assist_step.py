@@ -180,7 +180,8 @@ def _estimate_motion(
         Number of the most probable hypothesis of the filter bank, or NO_ESTIMATE.
     """
     step, feedback = memory.step[0], inputs.feedback
-    speeds, inertial = memory.speeds, memory.inertial
+    speeds, inertial, imu_ns = memory.speeds, memory.inertial, inputs.imu.stamp_ns
+    fresh, step.imu_ns = imu_ns != step.imu_ns, imu_ns
     released = False
     for enable in memory.commanded:
         released = released or enable < 1.0
@@ -196,7 +197,7 @@ def _estimate_motion(
             constants.bank,
             memory.bank,
             inputs.now_ns,
-            bank_state.Readings(pedal, memory.commanded, inertial, speeds),
+            bank_state.Readings(pedal, memory.commanded, inertial, speeds, fresh),
             TwistSample(feedback.stamp_ns, feedback.value, feedback.covariance, validity),
             memory.answer,
         )

@@ -50,7 +50,8 @@ class BrakeDemand:
         feedback: latest received twist, repeated until a newer twist is received; None before the
             first twist.
         wheels: latest received wheel speeds; None before the first message.
-        imu: latest received IMU reading; None before the first message.
+        imu: IMU readings since the last demand, as `ImuIntegrator` returns them; None before the
+            first reading.
     """
 
     stamp_ns: int

@@ -20,6 +20,7 @@ from sensor_msgs.msg import Imu, JointState
 from omni_brake_assist.brake_assist import BrakeAssist, BrakeDemand
 from omni_brake_assist.conditions import WARNING, AssistState, Decision, Fault
 from omni_brake_assist.configuration import BrakeAssistConfiguration
+from omni_brake_assist.imu_integration import ImuIntegrator
 from omni_brake_assist.sources import RejectionTimers, Source, summary
 from omni_platform import signals, topics
 from omni_platform.configuration import Configuration, ConfigurationError, parameter
@@ -74,15 +75,24 @@ class StepPairing:
 
     Args:
         fault_detection: whether a demand waits for the wheel speeds of its step.
-        imu: whether a demand also waits for the IMU reading of its step.
+        imu: whether a demand also waits for the IMU readings of its step.
         twist_period_ns: time between two samples of the twist [ns], 0 if each step has its own
             twist.
+        imu_period_ns: time between two IMU readings [ns], 0 if each step has its own reading.
+        imu_timeout: gap between two IMU readings over which they are not integrated [s].
     """
 
     def __init__(
-        self, *, fault_detection: bool = False, imu: bool = False, twist_period_ns: int = 0
+        self,
+        *,
+        fault_detection: bool = False,
+        imu: bool = False,
+        twist_period_ns: int = 0,
+        imu_period_ns: int = 0,
+        imu_timeout: float = BrakeAssistConfiguration.feedback_timeout,
     ) -> None:
-        self._twist_period_ns = twist_period_ns
+        self._twist_period_ns, self._imu_period_ns = twist_period_ns, imu_period_ns
+        self._imu = ImuIntegrator(imu_timeout)
         awaited: tuple[type[Any], ...] = (
             (signals.WheelSample, signals.ImuSample) if imu else (signals.WheelSample,)
         )
@@ -107,33 +117,71 @@ class StepPairing:
         Each demand is returned once; in all other cases, the result is None.
         """
         self._newest[type(sample)] = sample
+        if isinstance(sample, signals.ImuSample):
+            self._imu.add(sample)
         pedal, twist = self.newest(signals.PedalSample), self.newest(signals.TwistSample)
         if pedal is None or twist is None:
             return None
         stamp_ns = pedal.stamp_ns
         if stamp_ns <= self._answered_ns or not self._is_of(twist.stamp_ns, stamp_ns):
             return None
-        awaited = map(self.newest, self._awaited)
-        if any(signal is None or signal.stamp_ns < stamp_ns for signal in awaited):
-            return None
+        for kind in self._awaited:
+            signal = self.newest(kind)
+            period_ns = self._imu_period_ns if kind is signals.ImuSample else 0
+            if signal is None or not _is_in_period(signal.stamp_ns, stamp_ns, period_ns):
+                return None
         self._answered_ns = stamp_ns
         return self._demand(pedal)
 
-    def newest_demand(self) -> BrakeDemand | None:
-        """Return a demand with the newest samples; None before the first pedal sample."""
-        pedal = self.newest(signals.PedalSample)
-        return self._demand(pedal._replace(stamp_ns=self.newest_ns)) if pedal else None
+    def newest_demand(self, pedal: signals.PedalSample) -> BrakeDemand:
+        """Return a demand with a pedal position and the newest samples, and end the step."""
+        return self._demand(pedal._replace(stamp_ns=self.newest_ns))
 
     def _demand(self, pedal: signals.PedalSample) -> BrakeDemand:
         twist, wheels = self.newest(signals.TwistSample), self.newest(signals.WheelSample)
-        return BrakeDemand(*pedal, twist, wheels, self.newest(signals.ImuSample))
+        return BrakeDemand(*pedal, twist, wheels, self._imu.end_step(pedal.stamp_ns))
 
     def _is_of(self, twist_ns: int, stamp_ns: int) -> bool:
         """Return whether a twist at `twist_ns` [ns] belongs to the demand at `stamp_ns` [ns]."""
-        period_ns = self._twist_period_ns
-        if period_ns == 0:
+        if self._twist_period_ns == 0:
             return twist_ns > self._answered_ns
-        return twist_ns // period_ns >= stamp_ns // period_ns
+        return _is_in_period(twist_ns, stamp_ns, self._twist_period_ns)
+
+
+def _is_in_period(sample_ns: int, stamp_ns: int, period_ns: int) -> bool:
+    """Return whether a sample is not from an earlier sampling period than a stamp [ns].
+
+    With a period of 0, the sample must not be earlier than the stamp.
+    """
+    period_ns = max(period_ns, 1)
+    return sample_ns // period_ns >= stamp_ns // period_ns
+
+
+class StepTimer:
+    """Decides in real time which of the received messages are answered with a control step.
+
+    Steps follow a grid of control periods, so that their mean rate does not depend on the rate of
+    the messages. The first message near the time of a step triggers the step, without the delay of
+    a clock of its own.
+
+    Args:
+        period: control period [s].
+    """
+
+    def __init__(self, period: float) -> None:
+        self._period_ns = round(period * 1e9)
+        self._due_ns = -(10**18)  # long ago
+
+    def is_due(self, stamp_ns: int) -> bool:
+        """Return whether a step is due at a stamp [ns]; if so, the next step is due later."""
+        period_ns = self._period_ns
+        late_ns = stamp_ns - self._due_ns
+        if -2 * period_ns < late_ns < -period_ns / 4:  # tolerates jitter of a quarter of a period
+            return False
+        if abs(late_ns) > period_ns:  # messages had ceased, or stamps jumped
+            self._due_ns = stamp_ns
+        self._due_ns += period_ns
+        return True
 
 
 class TimingConfiguration(Configuration):
@@ -143,8 +191,10 @@ class TimingConfiguration(Configuration):
     """Whether the node works in lockstep: before it answers a pedal message, it waits for the
     feedback of the same step, without a time limit. Otherwise it answers in real time"""
     await_imu: bool = parameter(False)
-    """In lockstep, whether the node waits for the IMU reading of a step before it publishes the
+    """In lockstep, whether the node waits for the IMU readings of a step before it publishes the
     enables"""
+    imu_period: float = parameter(0.0, unit="s", minimum=0.0, maximum=10.0)
+    """In lockstep, time between two IMU readings; 0 if every step has one reading"""
     twist_period: float = parameter(0.0, unit="s", minimum=0.0, maximum=10.0)
     """In lockstep, time between two samples of the twist; the node uses each sample until the next
     one arrives; 0 if every step has a sample"""
@@ -179,14 +229,16 @@ class BrakeAssistNode(Node):
         self.add_post_set_parameters_callback(self._on_parameters_set)
         self._wheels = tuple(configuration.wheels)
         self._imu_received = -math.inf
-        self._answered_ns = -1  # in real time, stamp of the newest decision
         self._upwards: float | None = None  # specific force of the IMU, low-passed [m/s^2]
         self._fault_detection = configuration.fault_detection
         self._inputs = StepPairing(
             fault_detection=configuration.fault_detection,
             imu=timing.await_imu,
             twist_period_ns=round(timing.twist_period * 1e9),
+            imu_period_ns=round(timing.imu_period * 1e9),
+            imu_timeout=configuration.feedback_timeout,
         )
+        self._timer = StepTimer(configuration.control_period)
         self._feedback_timeout = configuration.feedback_timeout
         period = min(self._demand_timeout, self._feedback_timeout) / 2.0
         self._running = RunningClock(period)
@@ -200,13 +252,13 @@ class BrakeAssistNode(Node):
             self, Status(AssistState.NO_DEMAND.level, words, _NOTHING_YET)
         )
         self.outputs = tuple(self._decisions.values())
-        # In lockstep no message may be lost. In real time only the newest message is used.
+        # In lockstep no message may be lost. In real time, this applies to the IMU only.
         qos = RELIABLE if self._lockstep else RECENT
         guarded = (
             subscribe(self, topics.PEDAL, self._on_pedal, qos),
             subscribe(self, topics.TWIST, self._on_twist, qos),
             subscribe(self, topics.WHEEL_STATES, self._on_wheel_states, qos),
-            subscribe(self, topics.IMU, self._on_imu, qos),
+            subscribe(self, topics.IMU, self._on_imu),
         )
         self._guard = PublisherGuard(self, guarded, (self._decisions[topics.ENABLE.name],))
         if not self._lockstep:
@@ -312,15 +364,14 @@ class BrakeAssistNode(Node):
         return None
 
     def _answer(self) -> None:
-        """Publish the decision for the newest inputs, once for each time.
+        """Publish the decision for the newest inputs if a control step is due.
 
         An IMU reading does not wait for the odometry of its step: that twist corrects the filters
         in the next step, at its own stamp.
         """
-        demand = self._inputs.newest_demand()
-        if not self._watch() and demand is not None and demand.stamp_ns != self._answered_ns:
-            self._answered_ns = demand.stamp_ns
-            self._publish(self._assist.update(demand))
+        pedal = self._inputs.newest(signals.PedalSample)
+        if pedal is not None and not self._watch() and self._timer.is_due(self._inputs.newest_ns):
+            self._publish(self._assist.update(self._inputs.newest_demand(pedal)))
 
     def _publish(self, decision: Decision) -> None:
         stamp_ns = decision.stamp_ns

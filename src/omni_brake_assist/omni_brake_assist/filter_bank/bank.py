@@ -72,8 +72,13 @@ def estimate(
         return bank.ALL
     best = int(_answer(constants, memory, record.best, answer))
     record.known = record.known or best != bank.NO_ESTIMATE
-    if fresh and valid_ns == now_ns:
-        _keep_precise(constants, memory, best, twist, answer)
+    if fresh:
+        record.kept = bank.NO_ESTIMATE
+        if valid_ns == now_ns:
+            _keep_precise(constants, memory, best, twist, answer)
+    if best == record.kept and now_ns - record.twist_ns <= constants.twist_wait:
+        for j in range(answer.size):
+            answer[j] += memory.precise[j]
     return best
 
 
@@ -112,7 +117,7 @@ def _store(
     memory.newest[0] = row
     memory.stamps[row] = now_ns
     stored, n = memory.rows[row], memory.released.size
-    stored[bank.ROW_PEDAL] = readings.pedal
+    stored[bank.ROW_PEDAL], stored[bank.ROW_FRESH] = readings.pedal, readings.fresh
     for j in range(3):
         stored[bank.ROW_IMU + j] = readings.inertial[j]
     for i in range(n):
@@ -141,7 +146,9 @@ def _advance(constants: BankConstants, memory: BankMemory, target_ns: int) -> No
         record.unmeasured += dt
         record.inertial = math.isfinite(rate + f_x + f_y)
         record.equipped = record.equipped or record.inertial
-        if math.isfinite(rate):
+        fresh = reading[bank.ROW_FRESH] > 0.0
+        record.held = 0.0 if fresh else record.unmeasured * constants.walk**2
+        if math.isfinite(rate) and fresh:
             filters.fuse_gyro(constants, memory, record.unmeasured, rate)
             record.unmeasured = 0.0
         record.gyro = rate
@@ -223,22 +230,25 @@ def _mix(memory: BankMemory, best: int, weight: float) -> None:
 def _keep_precise(
     constants: BankConstants, memory: BankMemory, best: int, twist: TwistSample, answer: FloatArray
 ) -> None:
-    """Replace components of `answer` by those of the received twist that have a smaller variance.
+    """Store the differences of the received twist from `answer` where it has a smaller variance.
 
-    A precise twist is better used directly, because the filter would only add its model errors. It
-    is used only if its innovations are no larger than expected: the mean of their normalized
-    squares must be at most 1. The estimated offset of the yaw rate counts as part of the twist's
-    error. Both variances describe the motion of base_link.
+    A precise twist is better used directly, because the filter would only add its model errors.
+    Until the next twist, the IMU predicts the twist, so that the estimate does not alternate
+    between twist and filter. A twist is used only if its innovations are no larger than expected:
+    the mean of their normalized squares must be at most 1. The estimated offset of the yaw rate
+    counts as part of the twist's error. Both variances describe the motion of base_link.
     """
     agrees = filters.GATE * (memory.ratio[0] + memory.ratio[1] + memory.ratio[RATE]) <= answer.size
     if best not in bank.TWIST_FAULTS and best != bank.NO_ESTIMATE and agrees:
-        covariance, h = memory.covariance[best], memory.h
+        covariance, h, record = memory.covariance[best], memory.h, memory.record[0]
         for j in range(answer.size):
             offset = memory.state[best, bank.OFFSET] if j == RATE else 0.0
             filters.twist_direction(constants, h, j)
             h[bank.OFFSET] = 0.0
-            if twist.covariance[j, j] + offset**2 < filters.variance_along(covariance, h):
-                answer[j] = twist.value[j]
+            own = twist.covariance[j, j] + offset**2 - (0.0 if j == RATE else record.held)
+            precise = own < filters.variance_along(covariance, h)
+            memory.precise[j] = twist.value[j] - answer[j] if precise else 0.0
+        record.kept = best
 
 
 @lean

@@ -26,8 +26,9 @@ TWIST_FAULTS = *DEAD_RECKONING, NO_RATE
 U_X, U_Y, RATE, BIAS_RATE, BIAS_X, BIAS_Y, SCALE, OFFSET = range(8)
 STATES = 8
 
-ROW_PEDAL, ROW_IMU, ROW_WHEELS = 0, 1, 4
-"""Index of the first column of the pedal, the IMU and the wheels in a row of stored readings."""
+ROW_PEDAL, ROW_IMU, ROW_FRESH, ROW_WHEELS = 0, 1, 4, 5
+"""Index of the first column of the pedal, the IMU, `Readings.fresh` and the wheels in a row of
+stored readings."""
 
 LOSS_NS = 100_000_000
 """Time over which the decrease of the speed is measured [ns]."""
@@ -55,10 +56,14 @@ BANK = np.dtype(
         ("twist_ns", "i8"),  # time of validity of the newest twist [ns]
         ("gyro", "f8"),  # last reading of the gyro [rad/s], NaN if there is none
         ("unmeasured", "f8"),  # time since the last reading of the gyro [s]
+        # Variance of the velocity because the specific force is that of an earlier step [m^2/s^2].
+        # The next reading corrects this error, so it is not part of the state's variance.
+        ("held", "f8"),
         ("braked", "f8"),  # time since the pedal was pressed [s]
         ("unsupported", "f8"),  # time for which no wheel has rolled although one could [s]
         ("restart_ns", "i8"),  # time of the last restart of the filter of all sources [ns]
         ("best", "i8"),  # most probable hypothesis
+        ("kept", "i8"),  # hypothesis whose estimate `BankMemory.precise` corrects
     ]
 )
 
@@ -71,12 +76,14 @@ class Readings(NamedTuple):
         enable: brake enables of the previous step [1], shape (N,).
         inertial: yaw rate [rad/s] and specific force [m/s^2], shape (3,).
         speeds: wheel speeds [rad/s], shape (N,).
+        fresh: whether the yaw rate was measured in this step, not in an earlier one.
     """
 
     pedal: float
     enable: FloatArray
     inertial: FloatArray
     speeds: FloatArray
+    fresh: bool = True
 
 
 class BankConstants(NamedTuple):
@@ -180,11 +187,13 @@ class BankMemory(NamedTuple):
         faulty: probability under each hypothesis that the encoder of a wheel is faulty [1],
             shape (8, N); 0 under NO_ESTIMATE.
         wheel_ratio: test ratio of each wheel, NaN while it slides [1], shape (N,).
+        precise: last precise twist minus the estimate at its time [m/s, m/s, rad/s], shape (3,).
         ratio: test ratios of the components of the twist in the filter of all sources [1],
             shape (3,).
         filter_speeds: speed of each of the 7 filters at the stored readings [m/s], shape (R, 7).
         rows: readings of the past steps, a ring buffer; each row contains pedal, yaw rate,
-            specific force (x, y), N wheel speeds and N enables, shape (R, 4 + 2 N).
+            specific force (x, y), 1 for a new yaw rate, N wheel speeds and N enables, shape
+            (R, 5 + 2 N).
         stamps: stamps of these readings [ns], -1 for readings before the start, shape (R,).
         newest: row of the newest reading, and row of the newest reading that the filters have used,
             shape (2,).
@@ -208,6 +217,7 @@ class BankMemory(NamedTuple):
     slip: FloatArray
     faulty: FloatArray
     wheel_ratio: FloatArray
+    precise: FloatArray
     ratio: FloatArray
     filter_speeds: FloatArray
     rows: FloatArray
@@ -274,6 +284,7 @@ def bank_memory(constants: BankConstants) -> BankMemory:
         np.zeros((HYPOTHESES, wheels)),
         np.full(wheels, np.nan),
         np.zeros(3),
+        np.zeros(3),
         np.zeros((rows, FILTERS)),
         np.zeros((rows, ROW_WHEELS + 2 * wheels)),
         np.full(rows, -1, np.int64),
@@ -297,6 +308,7 @@ def begin(constants: BankConstants, memory: BankMemory, now_ns: int, twist: Twis
     bank.received = twist.validity == VALID
     for j in range(memory.twist.size):
         memory.twist[j] = twist.value[j] if bank.received else 0.0
+    bank.kept = NO_ESTIMATE
     bank.gyro, bank.unmeasured = math.nan, constants.period
     memory.newest[1] = memory.newest[0]
     memory.released[:] = 0.0
