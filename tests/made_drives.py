@@ -50,7 +50,7 @@ def drive(vehicle: str, *changes: str) -> tuple[Wheels, Signals, tuple[float, fl
                 np.array([seen.stamp_ns * 1e-9]),
                 seen.encoder_speed,
                 moment.feedback.value,
-                seen.imu,
+                np.array([seen.imu[-1].yaw_rate, *seen.imu[-1].acceleration]),
                 np.array([seen.pedal]),
                 moment.decision.enable,
                 seen.pose,

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from omni_brake_assist import assist_state, assist_step
 from omni_brake_assist.conditions import GOOD
 from omni_brake_assist.configuration import LAWS
+from omni_brake_assist.imu_integration import add_reading, end_step, new_integral
 from omni_brake_assist.laws.law import NO_HELP, Law, call_law, own_law
 from omni_loop.experiment import ExperimentConfiguration
 from omni_loop.history import RunHistory, without_jumps
@@ -28,6 +29,7 @@ from omni_platform.signals import MISSING, VALID, ImuSample, TwistSample, WheelS
 from omni_sim import run_progress, velocity_sensor
 from omni_sim.driver.scripted import ScriptedDriver
 from omni_sim.ground.friction import FrictionMap
+from omni_sim.imu import write_world
 from omni_sim.measurement import Instruments, Readings, Truth, build_instruments, draws, measure
 from omni_sim.vehicle import dynamics
 from omni_sim.vehicle.dynamics import base_motion, energies, in_turned_frame
@@ -113,6 +115,8 @@ class _Sensors(NamedTuple):
     drawn: IntArray  # number of samples taken so far, (1,)
     instruments: Instruments
     noise: FloatArray  # standard normal values for IMU and encoders, (K, D)
+    integral: NDArray[np.void]  # IMU readings, integrated over the steps
+    longest_ns: int  # gap between two IMU readings over which they are not integrated [ns]
     rest: NDArray[np.void]  # time since which the vehicle has been at rest
 
 
@@ -145,10 +149,10 @@ def run_fast_loop(
     advance = _run_built_in if law is None else functools.partial(_run_own, law)
     if source is not None:
         advance = functools.partial(_run_measured, source)
-    sensors = _sensors(configuration, stamps, len(vehicle.wheel_names))
+    sensors = _sensors(configuration, stamps)
     seed = np.random.SeedSequence(configuration.seed).spawn(3)[2]  # stream as in the simulator
     noise = np.random.default_rng(seed)
-    scratch = _new_scratch(len(vehicle.wheel_names), loop.steps)
+    scratch = _new_scratch(configuration, sensors.instruments)
     run = _Run(vehicle.state, assist, memory, sensors, loop, scratch, record)
     onsets = np.ceil(np.round(1e9 * vehicle.brake_fault_onsets) / loop.period_ns).astype(int)
     changes = {stamp for stamp in onsets.tolist() if 0 < stamp < stamps}
@@ -230,19 +234,22 @@ def _new_record(stamps: int, wheels: int) -> _Record:
     return _Record(*body, np.empty(stamps, np.bool_), np.empty(stamps), *each)
 
 
-def _sensors(configuration: ExperimentConfiguration, stamps: int, wheels: int) -> _Sensors:
+def _sensors(configuration: ExperimentConfiguration, stamps: int) -> _Sensors:
     sensor = configuration.velocity_sensor
     uniform = np.zeros((1, 3))
     if sensor.linear_noise > 0.0 or sensor.yaw_rate_noise > 0.0:
         seed = np.random.SeedSequence(configuration.seed).spawn(1)[0]  # stream as in the simulator
         uniform = np.random.default_rng(seed).uniform(-1.0, 1.0, (stamps, 3))
+    instruments = build_instruments(configuration)
     return _Sensors(
         velocity=velocity_sensor.sensor_constants(sensor),
         held=velocity_sensor.sensor_memory(),
         draws=uniform,
         drawn=np.zeros(1, np.int64),
-        instruments=build_instruments(configuration),
-        noise=np.zeros((_CHUNK, draws(wheels))),
+        instruments=instruments,
+        noise=np.zeros((_CHUNK, draws(instruments))),
+        integral=new_integral(),
+        longest_ns=round(configuration.brake_assist.feedback_timeout * 1e9),
         rest=run_progress.rest_memory(),
     )
 
@@ -252,19 +259,35 @@ class _Scratch(NamedTuple):
 
     taken: IntArray  # time stamp of the twist [ns], (1,)
     covariance: FloatArray  # (3, 3)
-    imu: FloatArray  # (3,)
+    imu_ns: IntArray  # stamps of the IMU readings since the last stamp [ns], (M,)
+    inertial: FloatArray  # yaw rates [rad/s] and specific forces [m/s^2] in these readings, (M, 3)
+    imu: FloatArray  # these readings, integrated over the control period, (3,)
     wheel_speed: FloatArray  # measured wheel speed [rad/s], (N,)
     error: FloatArray  # (N,)
     enable: FloatArray  # (N,)
     steps: int  # number of physics steps in a control period
-    trajectory: FloatArray  # empty, because it is not recorded, (0, 6)
+    # Motion in the last control period for an IMU with a rate of its own, as `Vehicle.advance`
+    # returns it; otherwise empty, (steps + 1, 6) or (0, 6).
+    trajectory: FloatArray
+    start: FloatArray  # motion at the present stamp, in world axes, (1, 6)
 
 
-def _new_scratch(wheels: int, steps: int) -> _Scratch:
-    imu, speed = np.full(3, np.nan), np.full(wheels, np.nan)
-    error, enable = np.empty(wheels), np.empty(wheels)
-    taken = np.zeros(1, np.int64)
-    return _Scratch(taken, np.empty((3, 3)), imu, speed, error, enable, steps, np.empty((0, 6)))
+def _new_scratch(configuration: ExperimentConfiguration, instruments: Instruments) -> _Scratch:
+    wheels, most = len(configuration.vehicle.wheels), instruments.imu.most
+    steps = configuration.simulation.steps_per_period
+    return _Scratch(
+        taken=np.zeros(1, np.int64),
+        covariance=np.empty((3, 3)),
+        imu_ns=np.zeros(most, np.int64),
+        inertial=np.full((most, 3), np.nan),
+        imu=np.full(3, np.nan),
+        wheel_speed=np.full(wheels, np.nan),
+        error=np.empty(wheels),
+        enable=np.empty(wheels),
+        steps=steps,
+        trajectory=np.empty((steps + 1 if configuration.imu.rate > 0.0 else 0, 6)),
+        start=np.empty((1, 6)),
+    )
 
 
 class _Run(NamedTuple):
@@ -327,10 +350,21 @@ def _sense(run: _Run, stamp: int) -> None:
     scratch.taken[0] = velocity_sensor.read(velocity, held, now_ns, motion[3:6], draw, feedback)
     if loop.measures:
         tilt = state.body[0].tilt_x, state.body[0].tilt_y
-        truth = Truth(stamp, loop.period_ns, motion, tilt, state.wheels)
-        noise = sensors.noise[stamp % sensors.noise.shape[0]]
-        readings = Readings(feedback, scratch.imu, scratch.wheel_speed)
-        measure(sensors.instruments, truth, noise, readings)
+        path = scratch.trajectory[1:] if stamp > 0 else scratch.trajectory[:0]
+        if path.shape[0] == 0:
+            write_world(motion, scratch.start[0])
+            path = scratch.start
+        truth = Truth(stamp, loop.period_ns, path, loop.period_ns / loop.steps, tilt, state.wheels)
+        noise, imu_ns, inertial = (
+            sensors.noise[stamp % sensors.noise.shape[0]],
+            scratch.imu_ns,
+            scratch.inertial,
+        )
+        readings = Readings(feedback, imu_ns, inertial, scratch.wheel_speed)
+        for k in range(measure(sensors.instruments, truth, noise, readings)):
+            rate, force = inertial[k, 0], inertial[k, 1:]
+            add_reading(sensors.integral, sensors.longest_ns, imu_ns[k], rate, force)
+        scratch.imu[0] = end_step(sensors.integral, now_ns, scratch.imu[1:])
     velocity_sensor.state_covariance(velocity, feedback, scratch.covariance)
 
 
@@ -340,7 +374,8 @@ def _inputs(run: _Run, stamp: int) -> assist_state.Inputs:
     now_ns, validity = stamp * loop.period_ns, VALID if loop.measures else MISSING
     twist = TwistSample(scratch.taken[0], run.record.feedback[stamp], scratch.covariance, VALID)
     wheels = WheelSample(now_ns, scratch.wheel_speed, validity)
-    imu = ImuSample(now_ns, scratch.imu[0], scratch.imu[1:], validity)
+    imu_ns = run.sensors.integral[0].stamp_ns
+    imu = ImuSample(imu_ns, scratch.imu[0], scratch.imu[1:], validity)
     return assist_state.Inputs(now_ns, loop.pedal[stamp], loop.enabled, GOOD, twist, wheels, imu)
 
 

@@ -76,6 +76,11 @@ class ExperimentConfiguration(SimulatorConfiguration):
         return 0.0 if self.uses_lines else self.velocity_sensor.sample_time
 
     @property
+    def imu_period_ns(self) -> int:
+        """Time between two readings of an IMU with a rate of its own [ns]; otherwise 0."""
+        return self.imu.period_ns(0)
+
+    @property
     def own_odometry(self) -> str:
         """Name of the user's odometry class, empty for the built-in odometry."""
         return "" if self.feedback in FEEDBACKS else self.feedback
@@ -236,6 +241,7 @@ class ExperimentLibrary:
             yaml_files.check_complete(vehicle, _REQUIRED, "vehicle", experiment)
             for name in ("brake", "wheel_inertia"):
                 yaml_files.set_default(tree, "brake_assist", name, vehicle.get(name))
+        _share_period(tree)
         yaml_files.set_default(tree, "brake_assist", "feedback_delay", _twist_delay(tree))
         return declared.from_mapping(ExperimentConfiguration, tree)
 
@@ -365,6 +371,7 @@ def recorded_experiment(path: Path, overrides: Iterable[str] = ()) -> Experiment
     for override in overrides:
         values = yaml_files.emptied(yaml_files.parse_override(override), _ENTRIES)
         tree = yaml_files.merge(tree, values)
+    _share_period(tree)
     return declared.from_mapping(ExperimentConfiguration, tree)
 
 
@@ -433,6 +440,14 @@ def _variants(document: Mapping[str, Any]) -> Mapping[str, Any]:
                 "or '-')",
             )
     return variants
+
+
+def _share_period(tree: dict[str, Any]) -> None:
+    """Give the assistant the control period of the simulation, unless the experiment sets it."""
+    simulation = tree.get("simulation")
+    if isinstance(simulation, Mapping):
+        period = simulation.get("control_period")
+        yaml_files.set_default(tree, "brake_assist", "control_period", period)
 
 
 def _twist_delay(tree: Mapping[str, Any]) -> float | None:

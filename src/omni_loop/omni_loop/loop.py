@@ -15,6 +15,7 @@ import numpy as np
 from linescan_odometry.port import OdometryPort
 from omni_brake_assist.brake_assist import BrakeAssist, BrakeDemand
 from omni_brake_assist.conditions import Decision
+from omni_brake_assist.imu_integration import ImuIntegrator
 from omni_loop import experiment, history
 from omni_platform import signals
 from omni_sim.run_progress import RunProgress
@@ -51,22 +52,27 @@ def steps(plant: Simulator, estimator: Estimator, controller: BrakeAssist) -> It
         estimator: source of the twist, called with every observation.
         controller: brake assistant, called with every estimate.
     """
+    imu = ImuIntegrator(controller.configuration.feedback_timeout)
     while True:
         observation = plant.observe()
         feedback = estimator.estimate(observation)
-        decision = controller.update(_demand(observation, feedback))
+        for reading in observation.imu:
+            imu.add(reading)
+        decision = controller.update(_demand(observation, feedback, imu))
         yield Moment(observation, feedback, decision)
         plant.advance(decision.enable)
 
 
-def _demand(observation: Observation, feedback: signals.TwistSample) -> BrakeDemand:
-    stamp_ns, imu = observation.stamp_ns, observation.imu
+def _demand(
+    observation: Observation, feedback: signals.TwistSample, imu: ImuIntegrator
+) -> BrakeDemand:
+    stamp_ns = observation.stamp_ns
     return BrakeDemand(
         stamp_ns,
         observation.pedal,
         feedback,
         signals.WheelSample(stamp_ns, observation.encoder_speed),
-        signals.ImuSample(stamp_ns, float(imu[0]), imu[1:]),
+        imu.end_step(stamp_ns),
     )
 
 

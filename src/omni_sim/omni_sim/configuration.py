@@ -108,8 +108,8 @@ class SimulatorConfiguration(Configuration):
         """Check line rates, exposure times and the duration of the run.
 
         Each camera must deliver at least two lines in every control period. The exposure of a
-        camera must not be longer than its line period. The run must not end before the last demand
-        of the driver.
+        camera must not be longer than its line period. The IMU must not take several readings in a
+        physics step. The run must not end before the last demand of the driver.
 
         Raises:
             ConfigurationError: a check fails; the message names the sensor or the duration.
@@ -123,6 +123,13 @@ class SimulatorConfiguration(Configuration):
                 )
         check_exposure(self.sensors, self.camera)
         check_flow_sensors(self.flow_sensors, self.flow, self.simulation.control_period)
+        if self.imu.rate * self.simulation.physics_step > 1.0:
+            raise ConfigurationError(
+                "imu.rate",
+                f"{self.imu.rate:g} Hz is more than one reading per physics step of "
+                f"{self.simulation.physics_step:g} s, must be at most "
+                f"{1.0 / self.simulation.physics_step:g} Hz",
+            )
         last = self.maneuver.earliest_end
         if last > self.simulation.duration_limit:
             raise ConfigurationError(

@@ -1,7 +1,7 @@
 """Inertial measurement unit (IMU): yaw rate and specific force at its mounting position.
 
-A reading of the accelerometer is the mean over a control period, as in an IMU that averages its
-samples. The specific force in the body axes at the middle of the period is
+A reading of the accelerometer is the mean since the previous reading, as in an IMU that averages
+its samples. The specific force in the body axes at the middle of this period is
 
     f = R(psi)^T ((V - V_before) / T - g)
 
@@ -10,7 +10,7 @@ and at the start of the period ``T``. ``R(psi)`` is the rotation by the yaw angl
 component of gravity along the ground plane, which may slope. The reading is ``f``, rotated by the
 error of the mounting angle. The gyro gives the yaw rate at the stamp. Both sensors have a scale
 error, a bias, white noise and a latency. The nodes that receive the readings do not know these
-errors.
+errors. The noise has a constant density, so more frequent readings are noisier.
 """
 
 import math
@@ -19,12 +19,14 @@ from typing import NamedTuple
 import numpy as np
 
 from omni_platform.configuration import Configuration, parameter
-from omni_platform.kernels import kernel
-from omni_platform.quantities import FloatArray
+from omni_platform.kernels import kernel, lean
+from omni_platform.quantities import SECOND_NS, FloatArray, IntArray
 from omni_sim.vehicle.loads import GRAVITY
 
 IMU_DRAWS = 3
 """Number of standard normal values that a reading needs."""
+
+_AVERAGED = 0.01  # time over which the configured noise is averaged [s]
 
 
 class ImuConfiguration(Configuration):
@@ -35,6 +37,9 @@ class ImuConfiguration(Configuration):
 
     enabled: bool = parameter(True)
     """Whether the vehicle has an IMU"""
+    rate: float = parameter(0.0, unit="Hz", minimum=0.0, maximum=1.0e5)
+    """Number of readings per second, at most one in each physics step; 0 for one reading at every
+    control stamp"""
     x: float = parameter(0.0, unit="m", minimum=-100.0, maximum=100.0)
     """Mounting position, forward of the platform center"""
     y: float = parameter(0.0, unit="m", minimum=-100.0, maximum=100.0)
@@ -44,7 +49,7 @@ class ImuConfiguration(Configuration):
     gyro_bias: float = parameter(0.005, unit="rad/s", minimum=-35.0, maximum=35.0)
     """Bias of the yaw rate"""
     gyro_noise: float = parameter(0.003, unit="rad/s", minimum=0.0, maximum=35.0)
-    """Standard deviation of the noise of the yaw rate"""
+    """Standard deviation of the white noise of the yaw rate in the mean over 10 ms"""
     gyro_scale: float = parameter(0.002, minimum=-0.9, maximum=10.0)
     """Scale error of the yaw rate"""
     bias_x: float = parameter(0.05, unit="m/s^2", minimum=-160.0, maximum=160.0)
@@ -52,11 +57,19 @@ class ImuConfiguration(Configuration):
     bias_y: float = parameter(-0.05, unit="m/s^2", minimum=-160.0, maximum=160.0)
     """Bias of the accelerometer's y axis"""
     noise: float = parameter(0.05, unit="m/s^2", minimum=0.0, maximum=160.0)
-    """Standard deviation of the noise of each accelerometer axis"""
+    """Standard deviation of the white noise of each accelerometer axis in the mean over 10 ms"""
     scale: float = parameter(0.003, minimum=-0.9, maximum=10.0)
     """Scale error of both accelerometer axes"""
     latency: float = parameter(0.0, unit="s", minimum=0.0, maximum=0.2)
-    """Latency of a reading, rounded to control periods"""
+    """Latency of a reading, rounded to the time between two readings"""
+
+    def period_ns(self, control_period_ns: int) -> int:
+        """Return the time between two readings for a given control period [ns]."""
+        return round(SECOND_NS / self.rate) if self.rate > 0.0 else control_period_ns
+
+    def noise_factor(self, control_period_ns: int) -> float:
+        """Return the noise of a reading divided by the configured noise [1]."""
+        return math.sqrt(_AVERAGED * SECOND_NS / self.period_ns(control_period_ns))
 
 
 class Imu(NamedTuple):
@@ -64,6 +77,8 @@ class Imu(NamedTuple):
 
     Attributes:
         enabled: whether the vehicle has an IMU.
+        period_ns: time between two readings [ns].
+        most: limit on the number of readings in a control period.
         x: mounting position, forward of base_link [m].
         y: mounting position, left of base_link [m].
         cos: cosine of the error of the mounting angle [1].
@@ -71,12 +86,15 @@ class Imu(NamedTuple):
         rate: bias [rad/s], noise [rad/s] and scale error [1] of the gyro, shape (3,).
         force: bias of x and y [m/s^2], noise [m/s^2] and scale error [1] of the accelerometer,
             shape (4,).
-        memory: yaw [rad] and velocity of the mounting position [m/s] at the last stamp, shape (3,).
-        late: latest readings, a ring buffer over the stamps, shape (latency in control periods + 1,
-            3).
+        memory: yaw [rad] and velocity of the mounting position [m/s] at the last reading, shape
+            (3,).
+        counters: stamp of the last reading [ns] and number of readings, shape (2,).
+        late: latest readings, a ring buffer, shape (latency in readings + 1, 3).
     """
 
     enabled: bool
+    period_ns: int
+    most: int
     x: float
     y: float
     cos: float
@@ -84,57 +102,82 @@ class Imu(NamedTuple):
     rate: FloatArray
     force: FloatArray
     memory: FloatArray
+    counters: IntArray
     late: FloatArray
 
 
-def build_imu(configuration: ImuConfiguration, control_period: float) -> Imu:
+def build_imu(configuration: ImuConfiguration, control_period_ns: int) -> Imu:
     """Return the constants and the initial state of the IMU for the kernel.
 
     Args:
         configuration: mounting and errors of the IMU.
-        control_period: time between two readings [s].
+        control_period_ns: control period [ns].
     """
     c = configuration
-    angle = math.radians(c.misalignment_deg)
-    rate = np.array([c.gyro_bias, c.gyro_noise, c.gyro_scale])
-    force = np.array([c.bias_x, c.bias_y, c.noise, c.scale])
-    late = np.zeros((round(c.latency / control_period) + 1, 3))
+    angle, period_ns = math.radians(c.misalignment_deg), c.period_ns(control_period_ns)
+    factor, most = c.noise_factor(control_period_ns), -(-control_period_ns // period_ns)
+    rate = np.array([c.gyro_bias, factor * c.gyro_noise, c.gyro_scale])
+    force = np.array([c.bias_x, c.bias_y, factor * c.noise, c.scale])
+    late = np.zeros((round(c.latency * SECOND_NS / period_ns) + 1, 3))
     cos, sin = math.cos(angle), math.sin(angle)
-    return Imu(c.enabled, c.x, c.y, cos, sin, rate, force, np.zeros(3), late)
+    memory, counters = np.zeros(3), np.zeros(2, np.int64)
+    return Imu(c.enabled, period_ns, most, c.x, c.y, cos, sin, rate, force, memory, counters, late)
+
+
+@lean
+def is_due(imu: Imu, stamp_ns: int) -> bool:
+    """Return whether the IMU takes a reading at a stamp [ns], the first one after a due time."""
+    last_ns, count = imu.counters
+    return bool(count == 0 or stamp_ns // imu.period_ns > last_ns // imu.period_ns)
+
+
+@lean
+def write_world(motion: FloatArray, row: FloatArray) -> None:
+    """Write a motion with its velocity in world axes to `row`.
+
+    Args:
+        motion: x, y [m], yaw [rad] and body twist [m/s, m/s, rad/s] of `base_link`, shape (6,).
+        row: output, x, y [m], yaw [rad] and their time derivatives, shape (6,).
+    """
+    cos, sin = math.cos(motion[2]), math.sin(motion[2])
+    row[0], row[1], row[2], row[5] = motion[0], motion[1], motion[2], motion[5]
+    row[3] = cos * motion[3] - sin * motion[4]
+    row[4] = sin * motion[3] + cos * motion[4]
 
 
 @kernel
 def read_imu(
     imu: Imu,
-    step: int,
-    period: float,
+    stamp_ns: int,
     motion: FloatArray,
     tilt: tuple[float, float],
     draw: FloatArray,
     reading: FloatArray,
 ) -> None:
-    """Write the reading of the IMU; this function must be called once per stamp.
+    """Take a reading of the IMU.
 
     Args:
         imu: IMU, changed in place.
-        step: number of the stamp.
-        period: time between two stamps [s].
-        motion: x, y [m], yaw [rad] and body twist [m/s, m/s, rad/s] of `base_link`, shape (6,).
+        stamp_ns: stamp of the reading [ns].
+        motion: x, y [m], yaw [rad] of `base_link` and their time derivatives, shape (6,).
         tilt: horizontal components of the normal of the plane in which the vehicle moves [1].
         draw: standard normal noise, shape (3,).
         reading: output, yaw rate [rad/s] and specific force along x and y [m/s^2], shape (3,); NaN
             if the vehicle has no IMU.
     """
+    (last_ns, count), counters = imu.counters, imu.counters
+    counters[0], counters[1] = stamp_ns, count + 1
     if not imu.enabled:
         reading[:] = math.nan
         return
     yaw, rate = motion[2], motion[5]
-    v_x, v_y = motion[3] - rate * imu.y, motion[4] + rate * imu.x
     cos, sin = math.cos(yaw), math.sin(yaw)
-    world_x, world_y = cos * v_x - sin * v_y, sin * v_x + cos * v_y
+    world_x = motion[3] - rate * (cos * imu.y + sin * imu.x)
+    world_y = motion[4] + rate * (cos * imu.x - sin * imu.y)
     f_x, f_y = -GRAVITY * tilt[0], -GRAVITY * tilt[1]
     middle = yaw
-    if step > 0:
+    if count > 0:
+        period = (stamp_ns - last_ns) * 1e-9
         f_x += (world_x - imu.memory[1]) / period
         f_y += (world_y - imu.memory[2]) / period
         middle = 0.5 * (yaw + imu.memory[0])
@@ -143,9 +186,9 @@ def read_imu(
     body_x, body_y = cos * f_x + sin * f_y, cos * f_y - sin * f_x
     bias_x, bias_y, noise, scale = imu.force[0], imu.force[1], imu.force[2], 1.0 + imu.force[3]
     late = imu.late.shape[0]
-    now = imu.late[step % late]
+    now = imu.late[count % late]
     now[0] = (1.0 + imu.rate[2]) * rate + imu.rate[0] + imu.rate[1] * draw[0]
     now[1] = scale * (imu.cos * body_x + imu.sin * body_y) + bias_x + noise * draw[1]
     now[2] = scale * (imu.cos * body_y - imu.sin * body_x) + bias_y + noise * draw[2]
     # Before the first delayed reading is due, the oldest reading is repeated.
-    reading[:] = imu.late[max(step - late + 1, 0) % late]
+    reading[:] = imu.late[max(count - late + 1, 0) % late]

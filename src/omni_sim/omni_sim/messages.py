@@ -10,7 +10,7 @@ from nav_msgs.msg import Odometry
 from sensor_msgs.msg import Imu, MultiDOFJointState
 from visualization_msgs.msg import Marker, MarkerArray
 
-from omni_platform import quantities, signals
+from omni_platform import signals
 from omni_platform.description import IMU_FRAME
 from omni_ros.messages import BASE_FRAME, WORLD_FRAME, stamped
 from omni_sim.configuration import SimulatorConfiguration
@@ -31,21 +31,26 @@ _ARROW_SIZE = (0.03, 0.08, 0.1)  # diameters of shaft and head, length of the he
 _ARROW_HEIGHT = 0.45  # [m]
 
 
-def imu_message(stamp_ns: int, reading: quantities.FloatArray, imu: ImuConfiguration) -> Imu:
+def imu_message(reading: signals.ImuSample, imu: ImuConfiguration, period_ns: int) -> Imu:
     """Return a message with angular velocity and specific force of the IMU, as in REP 145.
 
     The message has no orientation. The rates of roll and pitch are zero and have the variance of
     the gyro noise. The vertical specific force equals gravity.
+
+    Args:
+        reading: reading of the IMU.
+        imu: errors of the IMU.
+        period_ns: control period [ns].
     """
-    message = stamped(Imu, stamp_ns, IMU_FRAME)
+    message, factor = stamped(Imu, reading.stamp_ns, IMU_FRAME), imu.noise_factor(period_ns)
     message.orientation_covariance[0] = -1.0  # convention for "not measured"
-    message.angular_velocity.z = float(reading[0])
-    message.linear_acceleration.x = float(reading[1])
-    message.linear_acceleration.y = float(reading[2])
+    message.angular_velocity.z = reading.yaw_rate
+    message.linear_acceleration.x = float(reading.acceleration[0])
+    message.linear_acceleration.y = float(reading.acceleration[1])
     message.linear_acceleration.z = GRAVITY
     for axis in (0, 4, 8):
-        message.angular_velocity_covariance[axis] = imu.gyro_noise**2
-        message.linear_acceleration_covariance[axis] = imu.noise**2
+        message.angular_velocity_covariance[axis] = (factor * imu.gyro_noise) ** 2
+        message.linear_acceleration_covariance[axis] = (factor * imu.noise) ** 2
     return message
 
 

@@ -17,6 +17,7 @@ from omni_sim.camera.camera import LineCameraArray
 from omni_sim.configuration import SimulatorConfiguration
 from omni_sim.driver.scripted import Driver, ScriptedDriver
 from omni_sim.ground.friction import FrictionMap
+from omni_sim.imu import write_world
 from omni_sim.texture.cache import TextureCache
 from omni_sim.vehicle.loads import Overload
 from omni_sim.vehicle.mujoco_vehicle import build_vehicle
@@ -39,8 +40,7 @@ class Observation:
         attitude: true height [m], roll, pitch [rad] of `base_link` on uneven ground, shape (3,).
         twist: true twist of `base_link` in the body frame [m/s, m/s, rad/s], shape (3,).
         velocity_sensor: reading of the velocity sensor.
-        imu: IMU reading: yaw rate [rad/s] and specific force along x and y at the mounting position
-            [m/s^2], shape (3,); NaN if the vehicle has no IMU.
+        imu: IMU readings since the last stamp; NaN if the vehicle has no IMU.
         encoder_speed: wheel speeds measured by the encoders [rad/s], shape (N,).
         wheel_force_body: forces of the wheels in the body frame [N], shape (N, 2).
         line_batches: lines of each camera since the last stamp, keyed by camera name.
@@ -57,7 +57,7 @@ class Observation:
     attitude: quantities.FloatArray
     twist: quantities.FloatArray
     velocity_sensor: signals.TwistSample
-    imu: quantities.FloatArray
+    imu: tuple[signals.ImuSample, ...]
     encoder_speed: quantities.FloatArray
     wheel_force_body: quantities.FloatArray
     line_batches: Mapping[str, signals.LineBatch]
@@ -123,7 +123,10 @@ class Simulator:
         self._noise = np.random.default_rng(instrument_seed)
         self._measured_ns = -1
         self._reading, self._covariance = np.zeros(3), np.zeros((3, 3))
-        self._imu, self._encoder = np.zeros(3), np.zeros(wheels)
+        most = self._instruments.imu.most
+        self._imu_ns, self._inertial = np.zeros(most, np.int64), np.zeros((most, 3))
+        self._imu: tuple[signals.ImuSample, ...] = ()
+        self._path, self._encoder = np.zeros((1, 6)), np.zeros(wheels)
         self._flow_sensors = flow_sensor.FlowSensorArray(
             configuration.flow_sensors if simulation.render_lines else {},
             configuration.flow,
@@ -167,7 +170,7 @@ class Simulator:
             velocity_sensor=signals.TwistSample(
                 self._taken_ns, self._reading.copy(), self._covariance.copy()
             ),
-            imu=self._imu.copy(),
+            imu=self._imu,
             encoder_speed=self._encoder.copy(),
             wheel_force_body=vehicle.wheel_force_body,
             line_batches=self._batches,
@@ -183,11 +186,22 @@ class Simulator:
         motion, step = vehicle.motion, self._stamp_ns // period_ns
         sample = self._velocity_sensor.measure(self._stamp_ns, motion[3:])
         self._taken_ns, self._reading = sample.stamp_ns, sample.value
-        measurement.measure(
+        if len(self._path) == 1:
+            write_world(motion, self._path[0])
+        step_ns = period_ns / self.configuration.simulation.steps_per_period
+        count = measurement.measure(
             self._instruments,
-            measurement.Truth(step, period_ns, motion, vehicle.tilt, vehicle.state.wheels),
-            self._noise.standard_normal(measurement.draws(len(self._encoder))),
-            measurement.Readings(self._reading, self._imu, self._encoder),
+            measurement.Truth(
+                step, period_ns, self._path, step_ns, vehicle.tilt, vehicle.state.wheels
+            ),
+            self._noise.standard_normal(measurement.draws(self._instruments)),
+            measurement.Readings(self._reading, self._imu_ns, self._inertial, self._encoder),
+        )
+        self._imu = tuple(
+            signals.ImuSample(int(stamp_ns), float(rate), np.array(force))
+            for stamp_ns, (rate, *force) in zip(
+                self._imu_ns[:count], self._inertial[:count], strict=True
+            )
         )
         self._velocity_sensor.state_covariance(self._reading, self._covariance)
 
@@ -208,6 +222,8 @@ class Simulator:
             self._driver.command_twist(start_ns, float(self.vehicle.pose[2])),
             hold_world_direction=self._hold_world,
         )
+        if self.configuration.imu.rate > 0.0:
+            self._path = trajectory[1:]
         self.overloaded = self.overload.update(
             self.vehicle.wheels["load"], self.vehicle.overloaded_steps
         )

@@ -175,7 +175,9 @@ class SimulatorNode(Node):
         )
         self._send(self._wheel_states, wheels)
         if self.configuration.imu.enabled:
-            self._send(self._imu, imu_message(stamp_ns, observation.imu, self.configuration.imu))
+            for reading in observation.imu:
+                period_ns = self.simulator.control_period_ns
+                self._send(self._imu, imu_message(reading, self.configuration.imu, period_ns))
         twist = observation.velocity_sensor
         velocity = messages.planar_twist_with_covariance(
             twist.stamp_ns, twist.value, twist.covariance

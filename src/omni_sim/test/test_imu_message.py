@@ -5,12 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from omni_platform.signals import ImuSample
 from omni_sim.imu import ImuConfiguration
 from omni_sim.messages import imu_message
 
 
 def test_a_unit_at_rest_measures_gravity_upwards() -> None:
-    message = imu_message(0, np.zeros(3), ImuConfiguration())
+    message = imu_message(ImuSample(0, 0.0, np.zeros(2)), ImuConfiguration(), 10_000_000)
     assert message.linear_acceleration.z == pytest.approx(9.81, abs=0.01)
     assert message.orientation_covariance[0] == -1.0  # not measured
     for covariance in (message.angular_velocity_covariance, message.linear_acceleration_covariance):

@@ -10,11 +10,11 @@ from omni_platform.configuration import ConfigurationError
 from omni_platform.quantities import FloatArray
 from omni_sim.encoders import EncoderConfiguration, build_encoders, read_encoders
 from omni_sim.faults import CHANNELS, KINDS, FaultConfiguration, build_faults, corrupt
-from omni_sim.imu import ImuConfiguration, build_imu, read_imu
+from omni_sim.imu import ImuConfiguration, build_imu, read_imu, write_world
 from omni_sim.vehicle.loads import GRAVITY
 from omni_sim.vehicle.state import WHEEL
 
-PERIOD = 0.01
+PERIOD, PERIOD_NS = 0.01, 10_000_000
 PERFECT = dict.fromkeys(
     (
         "misalignment_deg",
@@ -33,10 +33,11 @@ PERFECT = dict.fromkeys(
 def read(
     motions: list[FloatArray], tilt: tuple[float, float] = (0.0, 0.0), **changes: Any
 ) -> FloatArray:
-    imu = build_imu(ImuConfiguration(**(PERFECT | changes)), PERIOD)
-    readings, random = np.empty((len(motions), 3)), np.random.default_rng(1)
+    imu = build_imu(ImuConfiguration(**(PERFECT | changes)), PERIOD_NS)
+    readings, random, row = np.empty((len(motions), 3)), np.random.default_rng(1), np.empty(6)
     for step, motion in enumerate(motions):
-        read_imu(imu, step, PERIOD, motion, tilt, random.standard_normal(3), readings[step])
+        write_world(motion, row)
+        read_imu(imu, step * PERIOD_NS, row, tilt, random.standard_normal(3), readings[step])
     return readings
 
 

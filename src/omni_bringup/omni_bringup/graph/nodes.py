@@ -10,6 +10,7 @@ from omni_bringup.graph import process_group
 from omni_loop.experiment import ExperimentConfiguration
 from omni_platform import topics
 from omni_platform.configuration import Configuration
+from omni_platform.quantities import SECOND_NS
 from omni_recording.safe_yaml import in_yaml
 from omni_ros.flat_parameters import flatten
 from omni_sim.configuration import SimulatorConfiguration
@@ -118,6 +119,7 @@ class Nodes:
         parameters |= {
             "await_imu": configuration.imu.enabled,
             "twist_period": configuration.twist_period,
+            "imu_period": configuration.imu_period_ns / SECOND_NS,
         }
         remap = f"{topics.TWIST.name}:={topics.VELOCITY_SENSOR.name}"
         remaps = () if configuration.uses_lines else ("-r", remap)

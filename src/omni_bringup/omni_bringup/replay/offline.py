@@ -99,6 +99,8 @@ def _assistant(configuration: ExperimentConfiguration) -> dict[str, Callable[[An
         fault_detection=configuration.brake_assist.fault_detection,
         imu=configuration.imu.enabled,
         twist_period_ns=round(configuration.twist_period * 1e9),
+        imu_period_ns=configuration.imu_period_ns,
+        imu_timeout=configuration.brake_assist.feedback_timeout,
     )
 
     def taker(sample_of: Callable[[Any], Sample | None]) -> Callable[[Any], Iterable[Messages]]:
