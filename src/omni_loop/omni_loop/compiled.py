@@ -257,7 +257,7 @@ def _sensors(configuration: ExperimentConfiguration, stamps: int) -> _Sensors:
 class _Scratch(NamedTuple):
     """Buffers for the values of one control stamp, for N wheels."""
 
-    taken: IntArray  # time stamp of the twist [ns], (1,)
+    taken: IntArray  # time stamps of twist and newest IMU reading [ns], (2,)
     covariance: FloatArray  # (3, 3)
     imu_ns: IntArray  # stamps of the IMU readings since the last stamp [ns], (M,)
     inertial: FloatArray  # yaw rates [rad/s] and specific forces [m/s^2] in these readings, (M, 3)
@@ -276,7 +276,7 @@ def _new_scratch(configuration: ExperimentConfiguration, instruments: Instrument
     wheels, most = len(configuration.vehicle.wheels), instruments.imu.most
     steps = configuration.simulation.steps_per_period
     return _Scratch(
-        taken=np.zeros(1, np.int64),
+        taken=np.zeros(2, np.int64),
         covariance=np.empty((3, 3)),
         imu_ns=np.zeros(most, np.int64),
         inertial=np.full((most, 3), np.nan),
@@ -365,6 +365,7 @@ def _sense(run: _Run, stamp: int) -> None:
             rate, force = inertial[k, 0], inertial[k, 1:]
             add_reading(sensors.integral, sensors.longest_ns, imu_ns[k], rate, force)
         scratch.imu[0] = end_step(sensors.integral, now_ns, scratch.imu[1:])
+        scratch.taken[1] = sensors.integral[0].stamp_ns
     velocity_sensor.state_covariance(velocity, feedback, scratch.covariance)
 
 
@@ -374,8 +375,7 @@ def _inputs(run: _Run, stamp: int) -> assist_state.Inputs:
     now_ns, validity = stamp * loop.period_ns, VALID if loop.measures else MISSING
     twist = TwistSample(scratch.taken[0], run.record.feedback[stamp], scratch.covariance, VALID)
     wheels = WheelSample(now_ns, scratch.wheel_speed, validity)
-    imu_ns = run.sensors.integral[0].stamp_ns
-    imu = ImuSample(imu_ns, scratch.imu[0], scratch.imu[1:], validity)
+    imu = ImuSample(scratch.taken[1], scratch.imu[0], scratch.imu[1:], validity)
     return assist_state.Inputs(now_ns, loop.pedal[stamp], loop.enabled, GOOD, twist, wheels, imu)
 
 

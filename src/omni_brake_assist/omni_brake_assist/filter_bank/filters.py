@@ -281,7 +281,8 @@ def weigh_braking(
 ) -> None:
     """Reduce the likelihoods of filters whose deceleration in a stop is too small.
 
-    The limit is the deceleration on slippery ground.
+    The limit is the deceleration on slippery ground. It holds for the part of the speed that cannot
+    be the swing of the vehicle on its tires, whose direction and size change quickly.
 
     Args:
         constants: constants of the vehicle.
@@ -295,7 +296,8 @@ def weigh_braking(
         first = (first - 1) % size
     weight = new_information(dt, constants.wheel_correlation_time)
     for k in range(bank.FILTERS):
-        speeds[row, k] = math.hypot(memory.state[k, U_X], memory.state[k, U_Y])
+        speed = math.hypot(memory.state[k, U_X], memory.state[k, U_Y])
+        speeds[row, k] = max(speed - constants.swing, 0.0)
     time = (memory.stamps[row] - memory.stamps[first]) * 1e-9
     if record.braked < time + constants.spin_up or not record.equipped:
         return

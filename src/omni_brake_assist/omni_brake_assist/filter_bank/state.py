@@ -115,6 +115,12 @@ class BankConstants(NamedTuple):
             the brake [m/s]. With critical damping, the root mean square of the rim's excess speed
             over the time T is F / sqrt(4 c m w T), for the friction force F = 2000 N, the tire's
             stiffness c = 2e5 N/m, the rim's mass m = 25 kg, w = sqrt(c / m) and T = `rebound_time`.
+        overshoot: largest excess speed of a rim while the tire springs back [m/s]. It is the peak
+            of the same oscillation with half of the critical damping, 0.55 F / sqrt(c m). A law
+            that switches a brake in every step repeats this peak at every release.
+        swing: speed up to which a vehicle on locked tires swings back at the end of a stop [m/s].
+            It is F / sqrt(c m) for the mass m = 375 kg per wheel, c as above, and a friction force
+            F of 0.7 times the wheel load.
         rebound_time: time in which the rim speeds up and the tire springs back [s].
         correlation_time: time over which the errors of gyro and twist are correlated [s]. A reading
             that follows the last one sooner contains less new information, so the exponent of its
@@ -153,6 +159,8 @@ class BankConstants(NamedTuple):
     turn: float = 3.0
     rate: float = 0.01
     rebound: float = 0.12
+    overshoot: float = 0.49
+    swing: float = 0.3
     rebound_time: float = 0.15
     correlation_time: float = 1.0 / 30.0
     wheel_correlation_time: float = 0.05
@@ -190,7 +198,8 @@ class BankMemory(NamedTuple):
         precise: last precise twist minus the estimate at its time [m/s, m/s, rad/s], shape (3,).
         ratio: test ratios of the components of the twist in the filter of all sources [1],
             shape (3,).
-        filter_speeds: speed of each of the 7 filters at the stored readings [m/s], shape (R, 7).
+        filter_speeds: speed of each of the 7 filters at the stored readings, minus
+            `BankConstants.swing`, at least 0 [m/s], shape (R, 7).
         rows: readings of the past steps, a ring buffer; each row contains pedal, yaw rate,
             specific force (x, y), 1 for a new yaw rate, N wheel speeds and N enables, shape
             (R, 5 + 2 N).

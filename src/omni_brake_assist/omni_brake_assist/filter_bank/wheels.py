@@ -180,8 +180,7 @@ def _mixture(
     if braking:
         fresh = min(constants.rebound_time / max(memory.released[i], dt), 1.0)
         variance += (constants.rebound * fresh) ** 2
-        # The excess covers 95 % of the readings.
-        excess = 0.0 if load > 0.0 else 2.0 * constants.rebound * fresh
+        excess = 0.0 if load > 0.0 else constants.overshoot * fresh
         slides = stays = 0.5 * (1.0 - bank.PRIOR)  # sliding and locked are equally probable
         if memory.released[i] >= constants.spin_up:
             slides *= math.exp(-((memory.idle[i] / _IDLE) ** 2))
