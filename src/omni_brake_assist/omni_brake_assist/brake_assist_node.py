@@ -21,7 +21,7 @@ from omni_brake_assist.brake_assist import BrakeAssist, BrakeDemand
 from omni_brake_assist.conditions import WARNING, AssistState, Decision, Fault
 from omni_brake_assist.configuration import BrakeAssistConfiguration
 from omni_brake_assist.imu_integration import ImuIntegrator
-from omni_brake_assist.sources import RejectionTimers, Source, summary
+from omni_brake_assist.sources import ReceivedRate, RejectionTimers, Source, summary
 from omni_platform import signals, topics
 from omni_platform.configuration import Configuration, ConfigurationError, parameter
 from omni_ros import messages
@@ -60,7 +60,6 @@ TUNABLE = frozenset(
         "frozen_time",
     }
 )
-_UPWARDS_SHARE = 0.01  # weight of an IMU reading in the low-passed specific force [1]
 _NOTHING_YET = {"state": AssistState.NO_DEMAND.value, "fault": AssistState.NO_DEMAND.value}
 
 
@@ -230,6 +229,7 @@ class BrakeAssistNode(Node):
         self._wheels = tuple(configuration.wheels)
         self._imu_received = -math.inf
         self._upwards: float | None = None  # specific force of the IMU, low-passed [m/s^2]
+        self._rates = {name: ReceivedRate() for name in ("twist", "imu")}
         self._fault_detection = configuration.fault_detection
         self._inputs = StepPairing(
             fault_detection=configuration.fault_detection,
@@ -300,6 +300,7 @@ class BrakeAssistNode(Node):
         problem = "" if is_known else frame_problem(frame, expected)
         self._assist.check_twist_frame(problem)
         twist = messages.twist_of(message)
+        self._rates["twist"].update(twist.stamp_ns)
         # A twist in another frame is no feedback, neither for the gate nor for the filters.
         self._take(twist._replace(value=np.full(3, math.nan)) if problem else twist)
         if not self._lockstep:
@@ -316,11 +317,12 @@ class BrakeAssistNode(Node):
         if not self._fault_detection:
             return
         self._imu_received = self._running.now()
-        upwards = message.linear_acceleration.z
+        sample, upwards = messages.imu_reading_of(message), message.linear_acceleration.z
+        share = self._rates["imu"].update(sample.stamp_ns)
         last = upwards if self._upwards is None else self._upwards
         if math.isfinite(upwards):
-            self._upwards = last + _UPWARDS_SHARE * (upwards - last)
-        self._take(messages.imu_reading_of(message))
+            self._upwards = last + share * (upwards - last)
+        self._take(sample)
         if not self._lockstep:
             self._answer()
 
@@ -395,6 +397,10 @@ class BrakeAssistNode(Node):
             {
                 "state": decision.state.value,
                 "fault": fault.value if fault else "",
+                **{
+                    f"rate.{name}": rate.words(decision.stamp_ns)
+                    for name, rate in self._rates.items()
+                },
                 **{
                     f"test_ratio.{source.name}": f"{source.test_ratio:.3g} {source.words}"
                     for source in sources

@@ -27,6 +27,7 @@ FUSED, REJECTED, ISOLATED, MISSING, BRAKED = "fused", "rejected", "isolated", "m
 LOST = "lost"  # missing, although readings are expected: see `sources`
 REFUSED = "rejected for more than 1 s"
 _LONG_NS = 1_000_000_000  # time for which a source is rejected before it is REFUSED [ns]
+_AVERAGED = 1.0  # time constant of the low-pass of received values and their rates [s]
 _REMEDIES = {
     LOST: "no plausible reading: check driver, wiring and unit",
     ISOLATED: "check unit, sign and mounting",
@@ -123,6 +124,33 @@ class RejectionTimers:
             else one
             for one in found
         )
+
+
+class ReceivedRate:
+    """Rate at which the samples of an input arrive, low-passed with `_AVERAGED`."""
+
+    def __init__(self) -> None:
+        self._last_ns: int | None = None
+        self._rate = math.nan
+
+    def update(self, stamp_ns: int) -> float:
+        """Take the stamp of a sample [ns]; return its weight in a low-pass with `_AVERAGED` [1]."""
+        elapsed = 0.0 if self._last_ns is None else (stamp_ns - self._last_ns) * 1e-9
+        self._last_ns = stamp_ns
+        if elapsed <= 0.0:
+            return 0.0
+        share = elapsed / (elapsed + _AVERAGED)
+        known = self._rate if math.isfinite(self._rate) else 1.0 / elapsed
+        self._rate = known + share * (1.0 / elapsed - known)
+        return share
+
+    def words(self, now_ns: int) -> str:
+        """Return the rate with its unit; less than that while no samples arrive."""
+        if self._last_ns is None:
+            return "no sample"
+        silent = (now_ns - self._last_ns) * 1e-9
+        rate = min(self._rate, 1.0 / silent) if silent > 0.0 else self._rate
+        return f"{rate:.3g} Hz" if math.isfinite(rate) else "one sample"
 
 
 def summary(decision: Decision, found: Sequence[Source]) -> tuple[int, str]:

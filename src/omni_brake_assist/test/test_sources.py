@@ -16,6 +16,7 @@ from omni_brake_assist.sources import (
     MISSING,
     REFUSED,
     REJECTED,
+    ReceivedRate,
     RejectionTimers,
     Source,
     summary,
@@ -188,3 +189,14 @@ def test_a_jump_of_the_stamps_is_no_long_rejection(mecanum: dict[str, WheelMount
         states.append(timers.update(stamp_ns, assist.sources())[0].state)
     assert REJECTED in states[100:110]
     assert REFUSED not in states
+
+
+@pytest.mark.parametrize("rate", [50.0, 100.0, 1000.0])
+def test_the_rate_of_an_input_is_reported_whatever_its_jitter(rate: float) -> None:
+    random, received = np.random.default_rng(1), ReceivedRate()
+    assert received.words(0) == "no sample"
+    stamps = (np.arange(5 * rate) + random.uniform(-0.3, 0.3, int(5 * rate))) * 1e9 / rate
+    for stamp_ns in stamps.astype(int).tolist():
+        received.update(stamp_ns)
+    assert float(received.words(stamp_ns).removesuffix(" Hz")) == pytest.approx(rate, rel=0.02)
+    assert received.words(stamp_ns + 2_000_000_000) == "0.5 Hz"

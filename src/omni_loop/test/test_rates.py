@@ -23,6 +23,8 @@ NOISY = (
     "velocity_sensor.yaw_rate_noise=0.05",
 )
 
+LOST = "faults.lost.channel=twist", "faults.lost.kind=drop_out", "faults.lost.time=1.3"
+
 
 def load(*changes: str) -> ExperimentConfiguration:
     plain = "feedback=velocity_sensor", "simulation.render_lines=false", *ALLOCATION
@@ -53,7 +55,7 @@ def test_readings_have_the_rate_and_the_noise_density_of_the_imu(rate: int) -> N
 
 
 @pytest.mark.parametrize("rate", [50, 400, 1000])
-@pytest.mark.parametrize("changes", [(), NOISY])
+@pytest.mark.parametrize("changes", [(), NOISY, LOST])
 def test_a_stop_does_not_depend_on_the_rate_of_the_imu(rate: int, changes: tuple[str, ...]) -> None:
     usual, other = run_fast_loop(load(*changes)), run_fast_loop(load(f"imu.rate={rate}", *changes))
     assert other.stopping_distance == pytest.approx(usual.stopping_distance, rel=0.01)

@@ -147,7 +147,7 @@ def _advance(constants: BankConstants, memory: BankMemory, target_ns: int) -> No
         record.inertial = math.isfinite(rate + f_x + f_y)
         record.equipped = record.equipped or record.inertial
         fresh = reading[bank.ROW_FRESH] > 0.0
-        record.held = 0.0 if fresh else record.unmeasured * constants.walk**2
+        record.held = record.unmeasured if record.inertial and not fresh else 0.0
         if math.isfinite(rate) and fresh:
             filters.fuse_gyro(constants, memory, record.unmeasured, rate)
             record.unmeasured = 0.0
@@ -245,7 +245,8 @@ def _keep_precise(
             offset = memory.state[best, bank.OFFSET] if j == RATE else 0.0
             filters.twist_direction(constants, h, j)
             h[bank.OFFSET] = 0.0
-            own = twist.covariance[j, j] + offset**2 - (0.0 if j == RATE else record.held)
+            own = twist.covariance[j, j] + offset**2
+            own -= 0.0 if j == RATE else record.held * constants.walk**2
             precise = own < filters.variance_along(covariance, h)
             memory.precise[j] = twist.value[j] - answer[j] if precise else 0.0
         record.kept = best
@@ -274,9 +275,10 @@ def _answer(constants: BankConstants, memory: BankMemory, best: int, answer: Flo
     answer[1] = state[U_Y] - state[RATE] * constants.p_x
     answer[2] = state[RATE]
     spread = max(covariance[U_X, U_X], covariance[U_Y, U_Y])
+    held = record.held * constants.turn**2  # until the next reading
     valid = (
         spread <= constants.velocity_deviation**2
-        and covariance[RATE, RATE] <= constants.rate_deviation**2
+        and covariance[RATE, RATE] - held <= constants.rate_deviation**2
         and math.isfinite(answer[0] + answer[1] + answer[2])
     )
     return best if valid else bank.NO_ESTIMATE

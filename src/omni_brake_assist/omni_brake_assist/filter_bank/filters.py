@@ -227,7 +227,7 @@ def _twist_error(
     else:
         speed2 = value[0] ** 2 + value[1] ** 2
         own = twist.covariance[j, j] + bank.WHEEL**2 + bank.SHARE**2 * speed2
-        own += memory.record[0].held
+        own += memory.record[0].held * constants.walk**2
     if not _uses_twist(k, j):
         walk = constants.turn if j == RATE else constants.walk
         return innovation - memory.twist[j], 2.0 * own + dt * walk**2, own

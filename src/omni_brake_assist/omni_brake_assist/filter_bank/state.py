@@ -56,8 +56,8 @@ BANK = np.dtype(
         ("twist_ns", "i8"),  # time of validity of the newest twist [ns]
         ("gyro", "f8"),  # last reading of the gyro [rad/s], NaN if there is none
         ("unmeasured", "f8"),  # time since the last reading of the gyro [s]
-        # Variance of the velocity because the specific force is that of an earlier step [m^2/s^2].
-        # The next reading corrects this error, so it is not part of the state's variance.
+        # Time for which an IMU reading of an earlier step is held [s]. The next reading corrects
+        # the error of the velocity, so this error is not part of the state's variance.
         ("held", "f8"),
         ("braked", "f8"),  # time since the pedal was pressed [s]
         ("unsupported", "f8"),  # time for which no wheel has rolled although one could [s]

@@ -93,7 +93,8 @@ def fuse_wheels(
         push: magnitude of the specific force, NaN without an IMU [m/s^2].
     """
     record, dt = memory.record[0], max(dt, _SHORTEST)
-    own = bank.WHEEL**2 + _slip(constants, memory, push) ** 2 / dt + record.held
+    own = bank.WHEEL**2 + _slip(constants, memory, push) ** 2 / dt
+    own += record.held * constants.walk**2
     released, rolling, braking = False, False, pedal > 0.0
     span = _SPEED_RANGE + _SPEED_SHARE * math.hypot(memory.twist[0], memory.twist[1])
     # Without an estimate, encoders are as probably faulty as under the best hypothesis.
