@@ -90,9 +90,10 @@ def read_streams(
         required: topics that must exist.
 
     Raises:
-        BagError: the recording cannot be read, or lacks a topic, or a topic has another type.
+        BagError: the recording cannot be read, or lacks a topic, or a topic has another type, or
+            the clock jumped between two messages of a topic.
     """
-    from omni_recording import decode, folder
+    from omni_recording import clock, decode, folder
 
     known = {topic.path: topic for topic in chosen}
     channels = [entry for entry in folder.bag_summary(bag).channels if entry.topic in known]
@@ -103,12 +104,22 @@ def read_streams(
     for channel in channels:
         _require_type(bag, channel, known)
     messages: dict[str, list[tuple[int, Any]]] = {}
+    clocks: dict[str, clock.ClockWatch] = {}
     for recorded, message in decode.decoded_messages(bag, known):
         _require_type(bag, recorded.channel, known)
         stamp_ns = decode.header_stamp_ns(message)
         if stamp_ns is None:
             raise BagError(bag.path, f"{recorded.channel.topic} has no stamp")
+        watch = clocks.setdefault(recorded.channel.topic, clock.ClockWatch())
+        watch.add(stamp_ns, recorded.log_ns)
         messages.setdefault(known[recorded.channel.topic].name, []).append((stamp_ns, message))
+    for path, watch in clocks.items():
+        if watch.jumps:
+            raise BagError(
+                bag.path,
+                f"is not the recording of a single run: {path}: {watch.jumps[0]}: "
+                "split the recording there",
+            )
     for topic in required:
         if topic.name not in messages:
             raise BagError(bag.path, f"there is no message on {topic.path}")

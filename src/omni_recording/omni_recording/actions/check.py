@@ -4,7 +4,7 @@ import dataclasses
 from collections.abc import Mapping
 from pathlib import Path
 
-from omni_recording import decode, folder, mcap
+from omni_recording import clock, decode, folder, mcap
 
 
 @dataclasses.dataclass(frozen=True)
@@ -49,6 +49,7 @@ class _Findings:
         self._problems: list[str] = []
         self._remarks: list[str] = []
         self._undecoded: dict[str, tuple[int, str]] = {}
+        self._clocks: dict[tuple[str, str], clock.ClockWatch] = {}  # by topic and kind of time
 
     def read(self, file: Path) -> None:
         reader = mcap.McapMessages(file)
@@ -59,6 +60,7 @@ class _Findings:
             counts[topic] = counts.get(topic, 0) + 1
             sequences.setdefault(id(message.channel), _Sequence(topic)).add(message.sequence)
             self._decode(message)
+            self._watch(topic, "log times", message.log_ns, message.log_ns)
         for sequence in sequences.values():
             if sequence.missing:
                 self._problems.append(
@@ -93,6 +95,13 @@ class _Findings:
     def result(self) -> BagCheck:
         for topic, (count, words) in self._undecoded.items():
             self._problems.append(f"{topic}: {count} messages cannot be decoded: {words}")
+        for topic in self._counts:
+            found = {
+                jump.number: f"{topic}: {jump} by the {kind}: split the recording there"
+                for kind in ("log times", "stamps in the headers")
+                for jump in self._clocks.get((topic, kind), clock.ClockWatch()).jumps
+            }
+            self._problems.extend(found.values())
         if not any(self._counts.values()):
             self._problems.append("the recording contains no messages")
         return BagCheck(self._counts, tuple(self._problems), tuple(self._remarks))
@@ -111,11 +120,18 @@ class _Findings:
         if self._decoder.problem(message.channel):
             return  # reported once per channel
         try:
-            self._decoder.decode(message)
+            decoded = self._decoder.decode(message)
         except decode.DecodeError as error:
             topic = message.channel.topic
             count, words = self._undecoded.get(topic, (0, str(error)))
             self._undecoded[topic] = count + 1, words
+            return
+        stamp_ns = decode.header_stamp_ns(decoded)
+        if stamp_ns is not None:
+            self._watch(message.channel.topic, "stamps in the headers", stamp_ns, message.log_ns)
+
+    def _watch(self, topic: str, kind: str, time_ns: int, log_ns: int) -> None:
+        self._clocks.setdefault((topic, kind), clock.ClockWatch()).add(time_ns, log_ns)
 
     def _compare_summary(self, file: Path, counts: Mapping[str, int]) -> None:
         summary = mcap.read_summary(file)

@@ -138,6 +138,15 @@ def test_missing_numbers_are_reported(tmp_path: Path) -> None:
     assert check_bag(path).problems == ("/wheel_states: 3 messages are missing by their numbers",)
 
 
+def test_a_clock_that_is_set_back_is_reported(tmp_path: Path) -> None:
+    parts = [message(joints(k), log_time=k * 10**7) for k in (*range(100, 200), *range(1, 100))]
+    problems = check_bag(mcap(tmp_path / "a.mcap", described(), *parts)).problems
+    assert problems == (
+        "/wheel_states: the clock jumped back by 1.980 s after 1.990 s (message 100 of the topic) "
+        "by the stamps in the headers: split the recording there",
+    )
+
+
 @pytest.mark.parametrize(
     "data",
     [

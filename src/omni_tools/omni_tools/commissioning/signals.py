@@ -184,7 +184,9 @@ def _check_completeness(states: Stream, wheels: Sequence[str]) -> None:
     if np.max(gaps) > _SHORTEST:
         at = (states.stamp_ns[np.argmax(gaps)] - states.stamp_ns[0]) * 1e-9
         raise configuration.ConfigurationError(
-            "recording", f"has no wheel speeds for {np.max(gaps):.2g} s after {at:.1f} s"
+            "recording",
+            f"has no wheel speeds for {np.max(gaps):.2g} s after {at:.1f} s: "
+            "messages are missing, or the clock jumped ahead",
         )
     if np.sum(gaps) < _SHORTEST:
         raise configuration.ConfigurationError(

@@ -1,7 +1,8 @@
 """``./omni bag check``: read a recording completely and list its problems.
 
 Read a recording completely. Check every checksum, every message of a known type, the counts in the
-metadata, and the continuity of the message numbers. The exit code is 1 if there is any problem.
+metadata, the continuity of the message numbers, and whether the clock jumped during the recording.
+The exit code is 1 if there is any problem.
 """
 
 from pathlib import Path
