@@ -17,3 +17,18 @@ class BagError(InputError):
         super().__init__(f"{folder}: {problem}")
         self.folder = folder
         self.problem = problem
+
+
+class McapError(ValueError):
+    """A file is not an MCAP file, is damaged, or contains lengths that exceed the limits.
+
+    Attributes:
+        problem: the defect of the file.
+        recoverable: whether other messages of the file can be recovered, because it is incomplete,
+            for example since the recorder was killed, or because a single message is invalid.
+    """
+
+    def __init__(self, problem: str, *, recoverable: bool = False) -> None:
+        super().__init__(problem)
+        self.problem = problem
+        self.recoverable = recoverable

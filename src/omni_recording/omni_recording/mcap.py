@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import dataclasses
 import struct
-import zlib
 from collections import Counter
 from collections.abc import Callable, Iterator
 from io import BytesIO
@@ -24,6 +23,8 @@ from mcap.exceptions import EndOfFile
 from mcap.opcode import Opcode
 
 from omni_platform.quantities import SECOND_NS
+from omni_recording.chunks import unpacked
+from omni_recording.error import McapError
 from omni_recording.limits import LIMITS
 
 MAGIC = b"\x89MCAP0\r\n"
@@ -39,21 +40,6 @@ _INDEX_ENTRY_SIZE = 16  # log time and place of a message [B]
 def is_possible(time_ns: int) -> bool:
     """Return whether a ROS stamp, which has 31 bits for the seconds, can represent a time [ns]."""
     return time_ns >> 31 < SECOND_NS
-
-
-class McapError(ValueError):
-    """A file is not an MCAP file, is damaged, or contains lengths that exceed the limits.
-
-    Attributes:
-        problem: the defect of the file.
-        recoverable: whether other messages of the file can be recovered, because it is incomplete,
-            for example since the recorder was killed, or because a single message is invalid.
-    """
-
-    def __init__(self, problem: str, *, recoverable: bool = False) -> None:
-        super().__init__(problem)
-        self.problem = problem
-        self.recoverable = recoverable
 
 
 @dataclasses.dataclass(frozen=True)
@@ -214,7 +200,7 @@ class McapMessages:
         chunk = _parsed(records.Chunk, content)
         self.compressions.add(chunk.compression)
         self.chunks += 1
-        raw = _unpacked(chunk)
+        raw = unpacked(chunk)
         for opcode, part in _chunk_records(raw):
             if opcode == Opcode.MESSAGE:
                 yield from self._message(part)
@@ -422,48 +408,3 @@ def _parsed(kind: Any, content: bytes) -> Any:
         raise McapError(
             f"is damaged: a {kind.__name__.lower()} record is invalid ({str(error) or 'too short'})"
         ) from None
-
-
-def _unpacked(chunk: Any) -> bytes:
-    size = chunk.uncompressed_size
-    if size > LIMITS.record:
-        raise McapError(
-            f"has a chunk of {size} unpacked bytes, more than the limit of {LIMITS.record}"
-        )
-    unpack = _UNPACKERS.get(chunk.compression)
-    if unpack is None:
-        raise McapError(f"has chunks of an unknown compression ({chunk.compression[:20]!r})")
-    try:
-        raw = unpack(chunk.data, size)
-    except (RuntimeError, ValueError, EOFError, MemoryError) as error:
-        raise McapError(f"is damaged: a chunk cannot be unpacked ({error})") from None
-    if len(raw) != size:
-        raise McapError(f"is damaged: a chunk does not unpack to its {size} bytes")
-    if chunk.uncompressed_crc and zlib.crc32(raw) != chunk.uncompressed_crc:
-        raise McapError("is damaged: the checksum of a chunk is wrong")
-    return raw
-
-
-def _unpack_zstd(data: bytes, size: int) -> bytes:
-    import zstandard
-
-    try:
-        # Reading one byte more than stated shows whether the chunk is longer.
-        with zstandard.ZstdDecompressor().stream_reader(data) as reader:
-            return reader.read(size + 1)
-    except zstandard.ZstdError as error:
-        raise ValueError(str(error)) from None
-
-
-def _unpack_lz4(data: bytes, size: int) -> bytes:
-    from lz4.frame import LZ4FrameDecompressor
-
-    raw: bytes = LZ4FrameDecompressor().decompress(data, max_length=size + 1)
-    return raw
-
-
-_UNPACKERS: dict[str, Callable[[bytes, int], bytes]] = {
-    "": lambda data, _size: data,
-    "zstd": _unpack_zstd,
-    "lz4": _unpack_lz4,
-}

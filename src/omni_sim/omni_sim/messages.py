@@ -12,6 +12,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from omni_platform import signals
 from omni_platform.description import IMU_FRAME
+from omni_platform.quantities import FloatArray
 from omni_ros.messages import BASE_FRAME, WORLD_FRAME, stamped
 from omni_sim.configuration import SimulatorConfiguration
 from omni_sim.imu import ImuConfiguration
@@ -86,7 +87,7 @@ def wheel_forces(wheels: Sequence[str], observation: Observation) -> MultiDOFJoi
     return message
 
 
-def _to_world(observation: Observation) -> quantities.FloatArray:
+def _to_world(observation: Observation) -> FloatArray:
     """Return the matrix that rotates vectors from `base_link` to `odom`, shape (2, 2)."""
     cos, sin = math.cos(observation.pose[2]), math.sin(observation.pose[2])
     return np.array([[cos, -sin], [sin, cos]])
