@@ -15,6 +15,14 @@ from omni_tools.stopping_area.options import AreaOptions
 # As in section 3.5 and the experiment straight_line: the enhanced weighting with k = 7.
 _ASSISTANT = ("brake_assist.weighting=enhanced", "brake_assist.k=7")
 
+# The rule by which the monitor selects a polygon changed with nav2_collision_monitor 1.3.12
+# (VelocityPolygon::isInRange).
+_VERSIONS = {
+    False: "For every version of nav2_collision_monitor in Jazzy, Kilted and Lyrical.",
+    True: "Only for nav2_collision_monitor of Jazzy from 1.3.12 and of Lyrical: Jazzy up to 1.3.11 "
+    "and\nKilted up to 1.4.2 compare v_x with the speed bands and need --bands 1.",
+}
+
 
 def stop_campaign(options: AreaOptions, library: ExperimentLibrary) -> area.StopCampaign:
     """Return the campaign of stops from which the stopping areas are computed."""
@@ -70,7 +78,7 @@ def monitor_parameters(
     name = short_name(options.vehicle)
     outside, count = metrics["outside_share.all"].value, metrics["held_out_stops.all"].value
     checked = f"\nOf {count:.0f} held-out stops, {outside:.2%} left their polygon." if count else ""
-    # The monitor compares the signed v_x, so a single band must extend from -speed to speed.
+    # A monitor that compares the signed v_x needs a band from -speed to speed.
     lowest = -options.speed if options.bands == 1 else 0.0
     heading = (
         f"Stopping areas of {name}, {options.variant}, full braking {options.reaction_time:g} s "
@@ -78,7 +86,12 @@ def monitor_parameters(
         f"At least {options.coverage:.2%} of stops stay within the polygon of their motion, with "
         f"a confidence of {options.confidence:.0%} for each polygon:\n"
         f"friction {options.friction_min:g} to {options.friction_max:g}, any load up to the mass "
-        f"and the offset in the vehicle's file.{checked}"
+        f"and the offset in the vehicle's file.{checked}\n"
+        f"{_VERSIONS[options.bands > 1]}\n"
+        f"No polygon covers more than {options.speed:g} m/s, sqrt(v_x^2 + v_y^2), or "
+        f"{options.yaw_rate:g} rad/s: the monitor\n"
+        "then keeps its last polygon. Limit the velocity to these values; Nav2's controllers limit "
+        "v_x and v_y separately."
     )
     # Enlarged by a millimeter, so that the rounded polygon still contains the area.
     polygons = {

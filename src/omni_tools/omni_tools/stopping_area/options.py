@@ -14,10 +14,12 @@ class AreaOptions(CampaignOptions):
     unassisted: bool = parameter(False)
     """compute the areas for stops without the brake assistant"""
     speed: float = parameter(2.0, unit="m/s", above=0.0, maximum=20.0)
-    """maximum speed, in every direction"""
-    bands: int = parameter(2, minimum=1, maximum=20)
-    """number of speed bands; more bands make the areas at low speeds smaller; a single band also
-    works with releases of Nav2's collision monitor before 2026, which compare v_x, not the speed"""
+    """maximum speed, in every direction; if Nav2 limits v_x and v_y separately, the square root of
+    the sum of their squares"""
+    bands: int = parameter(1, minimum=1, maximum=20)
+    """number of speed bands; more bands make the areas at low speeds smaller; a single band is
+    right for every version of Nav2's collision monitor; several bands need Jazzy 1.3.12 or later,
+    or Lyrical, because the monitors of Jazzy up to 1.3.11 and Kilted up to 1.4.2 compare v_x"""
     yaw_rate: float = parameter(0.5, unit="rad/s", above=0.0, maximum=10.0)
     """maximum yaw rate, in both directions"""
     turns: int = parameter(1, minimum=1, maximum=9)

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import cmath
 import math
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,6 +15,7 @@ from numpy.typing import NDArray
 from omni_bringup.cli import main
 from omni_loop.compiled import run_fast_loop
 from omni_loop.experiment import ExperimentConfiguration, ExperimentLibrary
+from omni_loop.metrics import Metric
 from omni_platform.configuration import ConfigurationError
 from omni_tools.stopping_area.area import (
     DIRECTIONS,
@@ -27,7 +30,9 @@ from omni_tools.stopping_area.area import (
     make_cells,
     support,
 )
+from omni_tools.stopping_area.collision_monitor import monitor_parameters
 from omni_tools.stopping_area.figure import areas_figure
+from omni_tools.stopping_area.options import AreaOptions
 
 CONFIG = Path(__file__).resolve().parents[4] / "config"
 STOP = [
@@ -88,6 +93,48 @@ def test_the_place_and_heading_of_a_stop_do_not_matter() -> None:
         )
     )
     assert here == pytest.approx(there, abs=1e-6)
+
+
+def _parameters(bands: int) -> tuple[str, list[dict[str, Any]]]:
+    """Return the text of the monitor's file, and its polygons in their order."""
+    options = AreaOptions(bands=bands)
+    cells = make_cells(options.speed, bands, options.yaw_rate, options.turns)
+    metrics = {"outside_share.all": Metric(0.0, "1"), "held_out_stops.all": Metric(0.0, "1")}
+    limits = np.full((len(cells), DIRECTIONS), 2.0)
+    text = monitor_parameters(options, cells, limits, metrics)
+    monitor = yaml.safe_load(text)["collision_monitor"]["ros__parameters"]["VelocityPolygonStop"]
+    return text, [{"name": name, **monitor[name]} for name in monitor["velocity_polygons"]]
+
+
+def _selected(polygons: list[dict[str, Any]], v: complex, yaw_rate: float, newer: bool) -> str:
+    """Return the name of the polygon that Nav2 selects; newer versions compare the magnitude."""
+    speed, angle = (abs(v) if newer else v.real), math.atan2(v.imag, v.real)
+    for polygon in polygons:
+        if (
+            polygon["theta_min"] <= yaw_rate <= polygon["theta_max"]
+            and polygon["linear_min"] <= speed <= polygon["linear_max"]
+            and _between(angle, polygon["direction_start_angle"], polygon["direction_end_angle"])
+        ):
+            return str(polygon["name"])
+    return ""
+
+
+def test_the_default_polygons_are_those_of_the_motion_with_every_version_of_nav2() -> None:
+    text, polygons = _parameters(AreaOptions().bands)
+    assert "every version of nav2_collision_monitor" in text
+    random = np.random.default_rng(4)
+    for speed, angle, turn in random.uniform((0, -math.pi, -0.5), (2, math.pi, 0.5), (2000, 3)):
+        older, newer = (
+            _selected(polygons, cmath.rect(speed, angle), turn, rule) for rule in (False, True)
+        )
+        assert older == newer != ""
+
+
+def test_several_bands_name_the_versions_that_select_the_wrong_polygon() -> None:
+    text, polygons = _parameters(2)
+    assert "Only for nav2_collision_monitor of Jazzy from 1.3.12" in text
+    assert _selected(polygons, 2j, 0.0, True) == "left_2"
+    assert _selected(polygons, 2j, 0.0, False) == "left_1"
 
 
 def test_the_corners_of_a_rectangle_are_its_corners() -> None:
