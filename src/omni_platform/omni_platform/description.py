@@ -11,7 +11,6 @@ IMU_FRAME = "imu"
 """Frame of the IMU: the axes of `base_link` at the mounting position."""
 
 _BODY_HEIGHT = 0.2  # [m], only for the picture
-_WIDTH_SHARE = 0.4  # ratio of wheel width to radius, only for the picture
 
 
 def urdf(
@@ -45,8 +44,8 @@ def urdf(
         link = ElementTree.SubElement(robot, "link", name=f"{wheel_name}_wheel")
         # The axis of a cylinder is z, the axis of a wheel is its y.
         cylinder = _visual(link, (0.0, 0.0, 0.0), (math.pi / 2.0, 0.0, 0.0))
-        thickness = str(_WIDTH_SHARE * wheel.radius)
-        ElementTree.SubElement(cylinder, "cylinder", radius=str(wheel.radius), length=thickness)
+        shape = {"radius": str(wheel.radius), "length": str(wheel.assumed_width)}
+        ElementTree.SubElement(cylinder, "cylinder", shape)
         place = (wheel.x, wheel.y, wheel.radius)
         joint = _joint(robot, wheel_name, "continuous", link, place, wheel.heading_deg)
         ElementTree.SubElement(joint, "axis", xyz="0 1 0")

@@ -22,6 +22,10 @@ import numpy as np
 from omni_platform.configuration import Configuration, ConfigurationError, parameter
 from omni_platform.quantities import LARGEST_OFFSET, FloatArray
 
+TYPICAL_WIDTH = 0.4
+"""Ratio of a wheel's width to its diameter where the width is unknown [1], such as 80 mm for a
+Mecanum wheel of 203 mm"""
+
 
 class WheelMount(Configuration):
     """One omni-wheel on the platform, in the body frame."""
@@ -37,6 +41,14 @@ class WheelMount(Configuration):
     for a kiwi drive, +/-45 for Mecanum wheels)"""
     radius: float = parameter(0.2, unit="m", minimum=1e-3, maximum=10.0)
     """Radius of the unloaded wheel including its rollers"""
+    width: float = parameter(0.0, unit="m", minimum=0.0, maximum=10.0)
+    """Width of the wheel, for stopping areas and pictures; 0 if unknown, which stands for 0.4 times
+    the diameter"""
+
+    @property
+    def assumed_width(self) -> float:
+        """Width of the wheel, typical if it is unknown [m]."""
+        return self.width or TYPICAL_WIDTH * 2.0 * self.radius
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

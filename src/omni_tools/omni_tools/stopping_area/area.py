@@ -207,8 +207,11 @@ def footprint(vehicle: VehicleConfiguration) -> FloatArray:
     """Return points in `base_link` whose hull is the vehicle's footprint [m], shape (C, 2)."""
     chassis = rectangle(vehicle.chassis_length, vehicle.chassis_width)
     geometry = PlatformGeometry.from_wheels(vehicle.wheels)
-    tread = geometry.radius[:, None] * geometry.rolling
-    return np.concatenate((chassis, geometry.position + tread, geometry.position - tread))
+    along = geometry.radius[:, None] * geometry.rolling
+    width = np.array([wheel.assumed_width for wheel in vehicle.wheels.values()])
+    across = 0.5 * width[:, None] * geometry.axis
+    wheels = [geometry.position + a * along + b * across for a in (-1, 1) for b in (-1, 1)]
+    return np.concatenate((chassis, *wheels))
 
 
 def support(run: compiled.FastRun, points: FloatArray, start: float) -> FloatArray:

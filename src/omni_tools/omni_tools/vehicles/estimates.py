@@ -13,6 +13,7 @@ from omni_platform.configuration import (
     parameter,
     to_mapping,
 )
+from omni_platform.geometry import TYPICAL_WIDTH
 from omni_sim.tire.tire import TireConfiguration
 from omni_sim.vehicle.loads import GRAVITY
 from omni_sim.wheel.roller_geometry import RollerConfiguration
@@ -64,7 +65,6 @@ class Estimates(NamedTuple):
     """Ratios and typical values from which the unmeasured values of a vehicle are estimated.
 
     Attributes:
-        wheel_width: ratio of a wheel's width to its diameter [1].
         density: density of a wheel with rollers of rubber and plastic on a steel hub [kg/m^3].
         height: ratio of the height of the center of gravity to the wheel radius [1].
         brake: ratio of the torque of a brake to the torque that locks the wheel [1].
@@ -76,7 +76,6 @@ class Estimates(NamedTuple):
             [m/s^2]; the stop is then a few vehicle lengths long.
     """
 
-    wheel_width: float = 0.4
     density: float = 2500.0
     height: float = 1.5
     brake: float = 2.0
@@ -111,7 +110,7 @@ def _vehicle(name: str, measured: Measured) -> str:
     mass, radius = measured.mass + measured.load, measured.wheel_radius
     wheels = _omni_wheels(measured) if measured.kind == _OMNI else _mecanum_wheels(measured)
     carried = mass * GRAVITY / len(wheels)
-    wheel_mass = math.pi * radius**2 * (_USUAL.wheel_width * 2.0 * radius) * _USUAL.density
+    wheel_mass = math.pi * radius**2 * (TYPICAL_WIDTH * 2.0 * radius) * _USUAL.density
     locking = _USUAL.brake * carried * radius
     brake, braking = _brake(measured, locking)
     drive = measured.drive_torque or locking
@@ -185,7 +184,7 @@ def _mecanum_wheels(measured: Measured) -> dict[str, dict[str, float]]:
     """Return wheels in pairs whose rollers form an X seen from above, keyed by name."""
     radius = measured.wheel_radius
     x = measured.length / 2.0 - radius
-    y = measured.width / 2.0 - _USUAL.wheel_width * radius
+    y = measured.width / 2.0 - TYPICAL_WIDTH * radius
     pairs = measured.wheels // 2
     names = {2: ("rear", "front"), 3: ("rear", "middle", "front")}.get(
         pairs, tuple(f"row_{row + 1}" for row in range(pairs))
@@ -206,7 +205,7 @@ def _mecanum_wheels(measured: Measured) -> dict[str, dict[str, float]]:
 
 def _omni_wheels(measured: Measured) -> dict[str, dict[str, float]]:
     """Return wheels on a circle with radial axles and roller angle 0, keyed by name; Eq. (34)."""
-    out = min(measured.length, measured.width) / 2.0 - _USUAL.wheel_width * measured.wheel_radius
+    out = min(measured.length, measured.width) / 2.0 - TYPICAL_WIDTH * measured.wheel_radius
     wheels = {}
     # Symmetric about x, without a wheel on the x axis in front.
     apart = math.pi / measured.wheels

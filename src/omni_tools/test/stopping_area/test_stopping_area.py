@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import cmath
+import dataclasses
 import math
 from pathlib import Path
 from typing import Any
@@ -93,6 +94,17 @@ def test_the_place_and_heading_of_a_stop_do_not_matter() -> None:
         )
     )
     assert here == pytest.approx(there, abs=1e-6)
+
+
+@pytest.mark.parametrize("width", [0.0, 0.3])
+def test_the_footprint_contains_the_wheels_beside_the_chassis(width: float) -> None:
+    vehicle = _experiment("vehicle.chassis_width=0.5").vehicle
+    wheels = {
+        name: dataclasses.replace(wheel, width=width) for name, wheel in vehicle.wheels.items()
+    }
+    outer = footprint(dataclasses.replace(vehicle, wheels=wheels))[:, 1].max()
+    wheel = wheels["front_left"]
+    assert outer == pytest.approx(wheel.y + 0.5 * (width or 0.4 * 2.0 * wheel.radius))
 
 
 def _parameters(bands: int) -> tuple[str, list[dict[str, Any]]]:
