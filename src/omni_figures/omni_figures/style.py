@@ -124,8 +124,8 @@ def legend_below(figure: Figure, columns: int, **look: Any) -> None:
         handles, labels = axes.get_legend_handles_labels()
         found |= zip(labels, handles, strict=True)
     columns = min(columns, len(found))
-    place = {"loc": "outside lower center", "ncols": columns}
-    figure.legend(list(found.values()), list(found), **place, **look)
+    look |= {"ncols": columns}
+    figure.legend(list(found.values()), list(found), loc="outside lower center", **look)
 
 
 def draw_texture(axes: Axes, gray: Any, texel: float, edge: float) -> Any:

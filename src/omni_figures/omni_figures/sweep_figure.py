@@ -8,10 +8,9 @@ from matplotlib.figure import Figure
 
 from omni_figures import style
 from omni_figures.tables.comparison_table import metric_label
-from omni_figures.units import readable_unit
+from omni_figures.units import readable_unit, unit_of
 from omni_loop.experiment import ExperimentConfiguration
 from omni_loop.sweep import SHOWN, SweptRun, number
-from omni_platform.units import unit_of
 
 _SPREAD = 0.4  # share of the distance between two words that the markers of all series take
 

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 
 import pytest
 
-from omni_figures.units import readable_unit
+from omni_figures.units import readable_unit, unit_of
+from omni_platform.configuration import Configuration, parameter, section
 
 
 @pytest.mark.parametrize(
@@ -26,3 +28,32 @@ def test_the_largest_magnitude_chooses_the_unit(unit: str, values: list[float], 
     found, factor = readable_unit(unit, values)
     assert found == shown
     assert factor == {"mm": 1e3, "kN": 1e-3}.get(shown, 1.0)
+
+
+class _Wheel(Configuration):
+    radius: float = parameter(0.1, unit="m", minimum=0.0)
+    """radius"""
+    gain: float = parameter(1.0)
+    """gain"""
+
+
+class _Vehicle(Configuration):
+    wheel: _Wheel = parameter()
+    """wheel"""
+    wheels: Mapping[str, _Wheel] = section(dict)
+    """wheels"""
+
+
+@pytest.mark.parametrize(
+    ("key", "unit"),
+    [
+        ("wheel.radius", "m"),
+        ("wheels.front_left.radius", "m"),
+        ("wheel.gain", "1"),
+        ("wheels", "1"),
+        ("wheel", "1"),
+        ("unknown.key", "1"),
+    ],
+)
+def test_the_unit_of_a_dotted_key(key: str, unit: str) -> None:
+    assert unit_of(_Vehicle, key) == unit

@@ -14,7 +14,6 @@ from omni_bringup.command_report import Report, estimate, estimate_table, write_
 from omni_bringup.workspace import Workspace
 from omni_platform import configuration
 from omni_platform.command_options import CommandOptions, option
-from omni_platform.units import unit_of
 
 if TYPE_CHECKING:
     from omni_tools.tires.data import TireData
@@ -71,6 +70,7 @@ def run(options: Options, workspace: Workspace) -> Report:
 
 
 def _entries(fit: TireFit, model: str, data: TireData) -> dict[str, Any]:
+    from omni_figures.units import unit_of
     from omni_sim.tire.models import MODELS
 
     kind = MODELS[model].configuration
@@ -87,6 +87,7 @@ def _entries(fit: TireFit, model: str, data: TireData) -> dict[str, Any]:
 
 def _given(fit: TireFit, model: str) -> str:
     """Return the parameters that are not fitted, such as the loads of the fitted forces."""
+    from omni_figures.units import unit_of
     from omni_sim.tire.models import MODELS
 
     kind = MODELS[model].configuration

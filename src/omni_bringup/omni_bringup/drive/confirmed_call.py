@@ -5,7 +5,9 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any
 
-_REPLY_TIMEOUT = 1.0  # [s]; a reply that DDS loses while it connects the two nodes never arrives
+# Time after which a reply counts as lost [s]; DDS may drop one while it connects two nodes. It is
+# longer than the delays of a busy machine, because a repeated reset moves the vehicle twice.
+_REPLY_TIMEOUT = 5.0
 
 
 class ConfirmedCall:

@@ -62,9 +62,9 @@ class WrappedTable:
             width = _number_width(heading, cells)
             table.add_column(Text(heading), justify="right", no_wrap=True, width=width)
         for row, own in enumerate(zip(*names.values(), strict=True)):
-            cells = [wrapped_name(name, width) for name, width in zip(own, widths, strict=True)]
-            cells += [Text(column[row]) for column in shown.values()]
-            table.add_row(*cells, style=self.styles[row] if self.styles else "")
+            left = [wrapped_name(name, width) for name, width in zip(own, widths, strict=True)]
+            right = [Text(column[row]) for column in shown.values()]
+            table.add_row(*left, *right, style=self.styles[row] if self.styles else "")
         return table
 
 
