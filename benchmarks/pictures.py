@@ -49,7 +49,7 @@ _SLOW_STOP = ("--variant", "unassisted", "--set", "maneuver.speed=1")
 
 def omni(*words: str) -> dict[str, Any]:
     """Run a command of the workspace and return its JSON document."""
-    command = [_ROOT / "omni", *words, "--json"]
+    command = [str(_ROOT / "omni"), *words, "--json"]
     found = subprocess.run(command, check=True, stdout=subprocess.PIPE)
     document: dict[str, Any] = json.loads(found.stdout)
     return document
