@@ -62,7 +62,8 @@ def test_the_page_of_the_dissertation_is_current_and_names_what_exists() -> None
         kind, _, name = row.command.partition(" ")
         assert {
             "study": name in commands_of("omni_studies.studies"),
-            "test": (WORKSPACE / name).exists(),
+            "test": all((WORKSPACE / path).exists() for path in name.split()),
+            "exec": (WORKSPACE / name.removeprefix("python ")).exists(),
         }.get(kind, not kind), row
         if row.status in ("works", "differs"):
             assert row.command, row

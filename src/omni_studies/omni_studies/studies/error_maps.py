@@ -50,6 +50,7 @@ _SPEEDS = (5.0, *(float(speed) for speed in range(10, 201, 10)))  # m/s, of Figu
 _LENGTHS = tuple(0.01 * i for i in range(1, 11))  # m, of Figure 62
 _SHIFT_LIMIT = 0.5  # overlap at the shift limit n / k, k = 2
 _NOISES = (0.0, 1.0, 5.0)  # gray levels, of Figure 66
+_LOWEST_OVERLAP = 0.15  # of the medians whose errors are counted by size (section 4.6)
 
 Found = list[tuple[Motion, Matches]]
 
@@ -73,7 +74,7 @@ class _Views(LineOptions):
 class _Medians(LineOptions):
     """Options of ``median``."""
 
-    ground: tuple[str, ...] = line_options.kinds_option("walking_tile", "stone")
+    ground: tuple[str, ...] = line_options.kinds_option("walking_tile", "stone", "cork")
     pairs: int = line_options.pairs_option(60, fewest=GROUP)
 
 
@@ -294,11 +295,16 @@ def _median_metrics(case: str, found: Found) -> dict[str, Metric]:
     filtered = np.array([m.right_medians(GROUP) for _, m in found])
     points = (raw >= 0.6) & (raw < 1.0)  # views in which single pairs fail
     corrected = float(np.mean(filtered[points] == 1.0)) if points.any() else 1.0
+    low = [m for motion, m in found if _LOWEST_OVERLAP <= motion.overlap < OVERLAP]
+    error = np.abs(np.concatenate([m.median_error(GROUP) for m in low]))
+    near, far = (float(np.mean(some)) for some in ((error > 1) & (error <= 5), error > 5))
     return {
         f"right_share_raw.{case}": Metric(float(raw.mean()), "1"),
         f"right_share_median.{case}": Metric(float(filtered.mean()), "1"),
         f"views_with_point_errors.{case}": Metric(float(points.sum()), "1"),
         f"corrected_share.{case}": Metric(corrected, "1"),
+        f"median_off_2_to_5_share.{case}": Metric(near, "1", note="from 15 to 60 % overlap"),
+        f"median_off_over_5_share.{case}": Metric(far, "1", note="from 15 to 60 % overlap"),
     }
 
 
