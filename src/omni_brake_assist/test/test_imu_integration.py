@@ -43,6 +43,13 @@ def steps(
     return ends, found
 
 
+def ended(imu: ImuIntegrator, now_ns: int) -> ImuSample:
+    """End a step for which there is a reading, and return its sample."""
+    sample = imu.end_step(now_ns)
+    assert sample is not None
+    return sample
+
+
 @pytest.mark.parametrize("jitter", [0.0, 0.4])
 @pytest.mark.parametrize("rate", [30.0, 50.0, 100.0, 130.0, 400.0, 1000.0])
 def test_no_reading_is_lost_or_counted_twice(rate: float, jitter: float) -> None:
@@ -77,11 +84,11 @@ def test_more_readings_have_less_noise() -> None:
 def test_a_slow_reading_is_held_and_then_corrected() -> None:
     imu = ImuIntegrator(0.05)
     imu.add(ImuSample(10 * MS, 0.1, np.array([1.0, 0.0])))
-    assert imu.end_step(10 * MS).acceleration[0] == 1.0
-    assert imu.end_step(20 * MS).acceleration[0] == pytest.approx(1.0)
+    assert ended(imu, 10 * MS).acceleration[0] == 1.0
+    assert ended(imu, 20 * MS).acceleration[0] == pytest.approx(1.0)
     imu.add(ImuSample(30 * MS, 0.2, np.array([4.0, 0.0])))  # mean from 10 to 30 ms
-    assert imu.end_step(30 * MS).acceleration[0] == pytest.approx(7.0)
-    assert imu.end_step(40 * MS).acceleration[0] == pytest.approx(4.0)
+    assert ended(imu, 30 * MS).acceleration[0] == pytest.approx(7.0)
+    assert ended(imu, 40 * MS).acceleration[0] == pytest.approx(4.0)
 
 
 @pytest.mark.parametrize("gap_ms", [70, 5000])
@@ -91,9 +98,9 @@ def test_nothing_is_integrated_over_a_long_gap(gap_ms: int) -> None:
     imu.end_step(10 * MS)
     imu.end_step((gap_ms - 10) * MS)
     imu.add(ImuSample(gap_ms * MS, 0.2, force))
-    assert imu.end_step(gap_ms * MS).acceleration == pytest.approx(force)
+    assert ended(imu, gap_ms * MS).acceleration == pytest.approx(force)
     imu.add(ImuSample(10 * MS, 0.3, force))  # the clock of the IMU has been reset
-    assert imu.end_step(10 * MS).yaw_rate == pytest.approx(0.3)
+    assert ended(imu, 10 * MS).yaw_rate == pytest.approx(0.3)
 
 
 def test_an_unknown_reading_is_unknown_only_while_it_is_the_newest() -> None:
@@ -101,7 +108,7 @@ def test_an_unknown_reading_is_unknown_only_while_it_is_the_newest() -> None:
     for step, force in enumerate((np.ones(2), unknown, np.ones(2), np.ones(2))):
         stamp_ns = step * STEP_NS
         imu.add(ImuSample(stamp_ns, force[0], force))
-        sample = imu.end_step(stamp_ns)
+        sample = ended(imu, stamp_ns)
         np.testing.assert_allclose(sample.acceleration, force)
         np.testing.assert_allclose(sample.yaw_rate, force[0])
 

@@ -24,6 +24,14 @@ from omni_sim.configuration import SimulationConfiguration
 from omni_sim.tire.tire import TireConfiguration
 from omni_sim.vehicle.configuration import VehicleConfiguration
 
+__all__ = [
+    "WITHOUT_CAMERAS",
+    "ExperimentConfiguration",
+    "ExperimentLibrary",
+    "recorded_experiment",
+    "short_name",
+]
+
 # Dotted keys whose value may be a file name instead of a mapping, with the folder of these files. A
 # nested part must come after the part that contains it.
 _PARTS = {"vehicle": "vehicles", "vehicle.tire": "tires", "ground": "grounds", "sensors": "sensors"}

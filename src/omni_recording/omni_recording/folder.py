@@ -16,7 +16,7 @@ import yaml
 
 from omni_platform.quantities import SECOND_NS
 from omni_recording import mcap, metadata
-from omni_recording.error import BagError
+from omni_recording.error import BagError, McapError
 from omni_recording.limits import LIMITS
 from omni_recording.safe_yaml import SafeLoader
 
@@ -147,7 +147,7 @@ def bag_messages(bag: Bag) -> Iterator[mcap.RecordedMessage]:
     for file in bag.files:
         try:
             yield from mcap.McapMessages(file, namespace=bag.namespace)
-        except (mcap.McapError, OSError) as error:
+        except (McapError, OSError) as error:
             raise file_problem(bag.path, file, error) from None
 
 
@@ -164,7 +164,7 @@ def bag_summary(bag: Bag) -> mcap.McapSummary:
     for file in bag.files:
         try:
             parts.append(mcap.read_summary(file, bag.namespace) or _counted(file, bag.namespace))
-        except (mcap.McapError, OSError) as error:
+        except (McapError, OSError) as error:
             raise file_problem(bag.path, file, error) from None
     counts: dict[str, int] = {}
     for part in parts:
@@ -179,9 +179,9 @@ def bag_summary(bag: Bag) -> mcap.McapSummary:
     return mcap.McapSummary(tuple(channels.values()), counts, first_ns, last_ns, chunks, words)
 
 
-def file_problem(folder: Path, file: Path, error: mcap.McapError | OSError) -> BagError:
+def file_problem(folder: Path, file: Path, error: McapError | OSError) -> BagError:
     """Convert an error in one file to a `BagError` about the recording."""
-    if isinstance(error, mcap.McapError):
+    if isinstance(error, McapError):
         hint = "; `omni bag recover` keeps the complete messages" if error.recoverable else ""
         return BagError(folder, f"{file.name} {error.problem}{hint}")
     return BagError(folder, f"{file.name} cannot be read: {error.strerror or error}")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from typing import Any
 
 import numpy as np
 import pytest
@@ -31,7 +32,8 @@ def complete(covariance: np.ndarray, value: np.ndarray = VALUE, **given: object)
 
 
 def test_a_complete_covariance_passes_unchanged() -> None:
-    for given in ({}, {"deviation": DEVIATION}):
+    cases: tuple[dict[str, Any], ...] = ({}, {"deviation": DEVIATION})
+    for given in cases:
         twist = complete(GOOD, **given)
         assert twist.problem == ""
         np.testing.assert_array_equal(twist.value, VALUE)

@@ -44,7 +44,7 @@ def test_a_request_before_the_service_starts_is_made_when_it_has_started() -> No
     assert not service.calls
     service.ready = True
     call.advance(5.0)
-    assert call.wanted is False  # pending
+    assert (call.wanted,) == (False,)  # pending
     service.reply(0)
     assert (confirmed, call.wanted) == ([False], None)
     call.advance(6.0)

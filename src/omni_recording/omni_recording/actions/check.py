@@ -5,6 +5,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from omni_recording import clock, decode, folder, mcap
+from omni_recording.error import McapError
 
 
 @dataclasses.dataclass(frozen=True)
@@ -36,7 +37,7 @@ def check_bag(path: Path | str) -> BagCheck:
     for file in bag.files:
         try:
             findings.read(file)
-        except (mcap.McapError, OSError) as error:
+        except (McapError, OSError) as error:
             raise folder.file_problem(bag.path, file, error) from None
     findings.compare_metadata(bag)
     return findings.result()

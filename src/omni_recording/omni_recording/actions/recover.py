@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from omni_recording import definitions, mcap, write
-from omni_recording.error import BagError
+from omni_recording.error import BagError, McapError
 from omni_recording.folder import METADATA, bag_files, bag_summary, open_bag, read_plain_yaml
 from omni_recording.limits import LIMITS
 from omni_recording.metadata import RecordedQos, RecordedTopic
@@ -115,7 +115,7 @@ def _whole_messages(
         reader = mcap.McapMessages(file, on_damage=note)
         try:
             yield from reader
-        except mcap.McapError as error:
+        except McapError as error:
             note(error.problem)
         except OSError as error:
             note(f"cannot be read: {error.strerror or error}")
