@@ -9,6 +9,9 @@ may contain several versions of a kernel.
 Processes share the cache: the first process that needs a kernel compiles it, and other processes
 that need the same kernel wait for it. numba itself has no such lock: without it, two
 processes that store the same kernel at the same time could damage its index file.
+
+If the user cannot write to any folder of the cache, stored kernels are used, and other kernels are
+compiled in each process.
 """
 
 import contextlib
@@ -107,8 +110,11 @@ class KernelCache(FunctionCache):
     def _load_stored(self, sig: Any, target_context: Any) -> Any:
         try:
             result = super()._load_overload(sig, target_context)
+        except OSError:  # the folder cannot be read
+            return None
         except (ImportError, AttributeError):  # compiled for a class that has been moved or renamed
-            self.flush()
+            with contextlib.suppress(OSError):  # the folder is not writable
+                self.flush()
             return None
         if result is not None:
             publish(self._dispatcher, result, self._digest)
@@ -116,10 +122,11 @@ class KernelCache(FunctionCache):
 
     def _save_overload(self, sig: Any, data: Any) -> None:
         publish(self._dispatcher, data, self._digest)
-        super()._save_overload(sig, data)
+        with contextlib.suppress(OSError):  # of another user, or a full disk
+            super()._save_overload(sig, data)
         self._lock(fcntl.LOCK_UN)
         folder = Path(self._cache_path)
-        with contextlib.suppress(FileNotFoundError):  # another process deletes them, too
+        with contextlib.suppress(OSError):  # another process deletes them, too
             versions = sorted(folder.glob(f"{self._prefix()}*.nbi"), key=os.path.getmtime)
             for index in versions[:-_KEPT_VERSIONS]:
                 for file in folder.glob(f"{index.stem}.*"):

@@ -16,7 +16,12 @@ from typing import Any
 
 import llvmlite.binding
 from llvmlite import ir
-from numba.core.caching import CompileResultCacheImpl
+from numba.core import config
+from numba.core.caching import (
+    CompileResultCacheImpl,
+    InTreeCacheLocator,
+    UserProvidedCacheLocator,
+)
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import CompileResult
 from numba.core.dispatcher import Dispatcher
@@ -106,8 +111,20 @@ def _call_of(result: CompileResult, symbol: str) -> Any:
     return llvmlite.binding.parse_assembly(str(module))
 
 
+class _UnwritableLocator:
+    """Folder of the cache, although this user cannot write in it."""
+
+    @staticmethod
+    def from_function(function: Any, file: str) -> Any:
+        """Return the locator of numba for the folder, which numba rejects."""
+        wanted = UserProvidedCacheLocator if config.CACHE_DIR else InTreeCacheLocator
+        return wanted(function, file)
+
+
 class CompiledKernel(CompileResultCacheImpl):
     """A compiled kernel on disk, with the list of the linked kernels that it calls."""
+
+    _locator_classes = (*CompileResultCacheImpl._locator_classes, _UnwritableLocator)
 
     def reduce(self, result: CompileResult) -> tuple[list[_Kernel], Any]:
         """Return the data of a compiled kernel that are stored on disk."""

@@ -98,10 +98,21 @@ def folder(first: Path) -> Iterator[Path]:
         path.write_bytes(content)
 
 
-def call(folder: Path, program: str = CALL) -> list[str]:
+# numba writes a temporary file to find out whether it can use a folder; root can write everywhere.
+UNWRITABLE = """
+import tempfile
+
+def refuse(**_):
+    raise PermissionError
+
+tempfile.TemporaryFile = refuse
+"""
+
+
+def call(folder: Path, program: str = CALL, cache: Path | None = None) -> list[str]:
     environment = {
         **os.environ,
-        "NUMBA_CACHE_DIR": str(folder / "cache"),
+        "NUMBA_CACHE_DIR": str(cache or folder / "cache"),
         "PYTHONPATH": f"{folder}{os.pathsep}{os.environ.get('PYTHONPATH', '')}",
         "PYTHONDONTWRITEBYTECODE": "1",
     }
@@ -149,6 +160,15 @@ def test_kernels_are_kept_otherwise(folder: Path) -> None:
 def test_a_kernel_called_with_a_class_that_is_gone(folder: Path) -> None:
     (folder / "moved.py").write_text("")
     assert call(folder) == ["107.0 0.0 5.0", "cached", "cached", "compiled"]
+
+
+def test_kernels_that_another_user_has_stored_are_used(folder: Path) -> None:
+    assert call(folder, UNWRITABLE + CALL) == ["107.0 0.0 5.0", "cached", "cached", "cached"]
+
+
+def test_kernels_that_cannot_be_stored_are_compiled(folder: Path) -> None:
+    called = call(folder, UNWRITABLE + CALL, Path(os.devnull))
+    assert called == ["107.0 0.0 5.0", "compiled", "compiled", "compiled"]
 
 
 def test_of_two_processes_one_compiles_a_kernel(folder: Path) -> None:
