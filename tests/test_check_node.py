@@ -6,6 +6,7 @@ import json
 import shlex
 import sys
 import time
+from collections.abc import Sequence
 from contextlib import closing
 from pathlib import Path
 from typing import Any
@@ -71,8 +72,9 @@ except ExternalShutdownException:
 """
 
 
-def check(*words: str) -> tuple[int, dict[str, Any]]:
-    finished = omni(["check-node", *words, "--json"])
+def check(node: str, start: Sequence[str], *words: str) -> tuple[int, dict[str, Any]]:
+    """Check a node, which the command `start` starts."""
+    finished = omni(["check-node", node, "--start", shlex.join(start), *words, "--json"])
     assert finished.stdout, finished.stderr
     return finished.returncode, json.loads(finished.stdout)
 
@@ -95,8 +97,8 @@ def parameters(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_our_nodes_keep_their_contract(node: str, module: str, parameters: Path) -> None:
     name = {"odometry": "linescan_odometry"}.get(node, node)
     file = parameters / f"{name}.yaml"
-    start = f"{sys.executable} -m {module} --ros-args --params-file {file}"
-    _, document = check(node, "--start", start)
+    start = [sys.executable, "-m", module, "--ros-args", "--params-file", str(file)]
+    _, document = check(node, start)
     # Delay and number of the answers depend on the load of the machine. Other tests require all
     # brakes on without inputs (test_brake_assist_node.py) and recovery (test_odometry.py).
     late = (
@@ -135,8 +137,7 @@ def test_breaches_of_a_foreign_node_are_named(
     node: str, breaches: tuple[str, ...], tmp_path: Path
 ) -> None:
     (tmp_path / "wrong.py").write_text(WRONG)
-    start = f"{sys.executable} {tmp_path / 'wrong.py'} {node}"
-    code, document = check(node, "--start", start)
+    code, document = check(node, [sys.executable, str(tmp_path / "wrong.py"), node])
     assert code == 1
     found = " | ".join(document["breaches"])
     assert [one for one in breaches if one not in found] == []
@@ -151,7 +152,7 @@ def test_a_twist_of_another_message_type_is_refused(tmp_path: Path) -> None:
         "node.create_publisher(Odometry, 'odometry/twist', 10)\n"
         "rclpy.spin(node)\n"
     )
-    code, document = check("odometry", "--start", f"{sys.executable} {tmp_path / 'odometry.py'}")
+    code, document = check("odometry", [sys.executable, str(tmp_path / "odometry.py")])
     assert code == 1
     assert document["error"].startswith("/odometry/twist is published as nav_msgs/msg/Odometry")
 
@@ -166,8 +167,8 @@ def test_a_command_that_cannot_start_is_refused(command: str) -> None:
 def test_the_simulator_of_a_run_keeps_its_contract(tmp_path: Path) -> None:
     words = "run small_stop --variant assisted --replace brake_assist=external"
     changes = "--set feedback=velocity_sensor --set simulation.render_lines=false"
-    start = shlex.join(omni_command([*words.split(), *changes.split(), "--out", str(tmp_path)]))
-    code, document = check("simulator", "--start", start, "--duration", "150")
+    start = omni_command([*words.split(), *changes.split(), "--out", str(tmp_path)])
+    code, document = check("simulator", start, "--duration", "150")
     assert document["breaches"] == []
     assert code == 0
 
@@ -251,8 +252,7 @@ def test_an_answer_is_no_older_for_waiting_in_the_check(monkeypatch: pytest.Monk
 
 def test_a_run_with_its_own_assistant_is_refused_as_a_simulator(tmp_path: Path) -> None:
     (tmp_path / "wrong.py").write_text(WRONG)
-    start = f"{sys.executable} {tmp_path / 'wrong.py'} simulator"
-    code, document = check("simulator", "--start", start)
+    code, document = check("simulator", [sys.executable, str(tmp_path / "wrong.py"), "simulator"])
     assert code == 1
     assert document["error"].startswith("wrong publishes /brake/enable, which this check sends")
     assert "--replace brake_assist=external" in document["error"]

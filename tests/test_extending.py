@@ -6,6 +6,7 @@ import contextlib
 import json
 import os
 import re
+import shlex
 import signal
 import subprocess
 import sys
@@ -16,8 +17,8 @@ from omni_process import RUN_TIMEOUT, WORKSPACE, omni_command, omni_environment
 
 # What ./omni does once its environment is there.
 LAUNCHER = f"""#!/bin/sh
-if [ "$1" = exec ]; then shift 2; exec {sys.executable} "$@"; fi
-exec {sys.executable} -m omni_bringup.cli "$@"
+if [ "$1" = exec ]; then shift 2; exec {shlex.quote(sys.executable)} "$@"; fi
+exec {shlex.quote(sys.executable)} -m omni_bringup.cli "$@"
 """
 
 
