@@ -182,6 +182,7 @@ def _estimate_motion(
     step, feedback = memory.step[0], inputs.feedback
     speeds, inertial, imu_ns = memory.speeds, memory.inertial, inputs.imu.stamp_ns
     fresh, step.imu_ns = imu_ns != step.imu_ns, imu_ns
+    age = max(since(inputs.now_ns, imu_ns) * 1e-9, 0.0)
     released = False
     for enable in memory.commanded:
         released = released or enable < 1.0
@@ -197,7 +198,7 @@ def _estimate_motion(
             constants.bank,
             memory.bank,
             inputs.now_ns,
-            bank_state.Readings(pedal, memory.commanded, inertial, speeds, fresh),
+            bank_state.Readings(pedal, memory.commanded, inertial, speeds, fresh, age),
             TwistSample(feedback.stamp_ns, feedback.value, feedback.covariance, validity),
             memory.answer,
         )

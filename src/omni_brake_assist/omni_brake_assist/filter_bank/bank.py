@@ -118,6 +118,7 @@ def _store(
     memory.stamps[row] = now_ns
     stored, n = memory.rows[row], memory.released.size
     stored[bank.ROW_PEDAL], stored[bank.ROW_FRESH] = readings.pedal, readings.fresh
+    stored[bank.ROW_AGE] = readings.age
     for j in range(3):
         stored[bank.ROW_IMU + j] = readings.inertial[j]
     for i in range(n):
@@ -146,9 +147,8 @@ def _advance(constants: BankConstants, memory: BankMemory, target_ns: int) -> No
         record.unmeasured += dt
         record.inertial = math.isfinite(rate + f_x + f_y)
         record.equipped = record.equipped or record.inertial
-        fresh = reading[bank.ROW_FRESH] > 0.0
-        record.held = record.unmeasured if record.inertial and not fresh else 0.0
-        if math.isfinite(rate) and fresh:
+        record.held = reading[bank.ROW_AGE] if record.inertial else 0.0
+        if math.isfinite(rate) and reading[bank.ROW_FRESH] > 0.0:
             filters.fuse_gyro(constants, memory, record.unmeasured, rate)
             record.unmeasured = 0.0
         record.gyro = rate

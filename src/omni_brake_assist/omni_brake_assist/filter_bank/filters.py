@@ -163,7 +163,9 @@ def fuse_gyro(
         rate: yaw rate that the gyro measures [rad/s].
     """
     record, h = memory.record[0], memory.h
-    own = constants.rate**2 + (bank.SHARE * rate) ** 2
+    # On an overloaded computer, the newest reading may be older than a step.
+    late = max(record.held - constants.period, 0.0)
+    own = constants.rate**2 + (bank.SHARE * rate) ** 2 + late * constants.turn**2
     change, weight = rate - record.gyro, new_information(dt, constants.correlation_time)
     h[:] = 0.0
     h[RATE] = h[bank.BIAS_RATE] = 1.0

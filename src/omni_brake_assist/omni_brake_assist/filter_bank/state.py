@@ -26,9 +26,9 @@ TWIST_FAULTS = *DEAD_RECKONING, NO_RATE
 U_X, U_Y, RATE, BIAS_RATE, BIAS_X, BIAS_Y, SCALE, OFFSET = range(8)
 STATES = 8
 
-ROW_PEDAL, ROW_IMU, ROW_FRESH, ROW_WHEELS = 0, 1, 4, 5
-"""Index of the first column of the pedal, the IMU, `Readings.fresh` and the wheels in a row of
-stored readings."""
+ROW_PEDAL, ROW_IMU, ROW_FRESH, ROW_AGE, ROW_WHEELS = 0, 1, 4, 5, 6
+"""Index of the first column of the pedal, the IMU, `Readings.fresh`, `Readings.age` and the wheels
+in a row of stored readings."""
 
 LOSS_NS = 100_000_000
 """Time over which the decrease of the speed is measured [ns]."""
@@ -56,7 +56,7 @@ BANK = np.dtype(
         ("twist_ns", "i8"),  # time of validity of the newest twist [ns]
         ("gyro", "f8"),  # last reading of the gyro [rad/s], NaN if there is none
         ("unmeasured", "f8"),  # time since the last reading of the gyro [s]
-        # Time for which an IMU reading of an earlier step is held [s]. The next reading corrects
+        # Time for which the newest IMU reading is held [s]. The next reading corrects
         # the error of the velocity, so this error is not part of the state's variance.
         ("held", "f8"),
         ("braked", "f8"),  # time since the pedal was pressed [s]
@@ -76,7 +76,8 @@ class Readings(NamedTuple):
         enable: brake enables of the previous step [1], shape (N,).
         inertial: yaw rate [rad/s] and specific force [m/s^2], shape (3,).
         speeds: wheel speeds [rad/s], shape (N,).
-        fresh: whether the yaw rate was measured in this step, not in an earlier one.
+        fresh: whether the yaw rate has not been used in an earlier step.
+        age: time since the newest IMU reading [s].
     """
 
     pedal: float
@@ -84,6 +85,7 @@ class Readings(NamedTuple):
     inertial: FloatArray
     speeds: FloatArray
     fresh: bool = True
+    age: float = 0.0
 
 
 class BankConstants(NamedTuple):
@@ -201,8 +203,8 @@ class BankMemory(NamedTuple):
         filter_speeds: speed of each of the 7 filters at the stored readings, minus
             `BankConstants.swing`, at least 0 [m/s], shape (R, 7).
         rows: readings of the past steps, a ring buffer; each row contains pedal, yaw rate,
-            specific force (x, y), 1 for a new yaw rate, N wheel speeds and N enables, shape
-            (R, 5 + 2 N).
+            specific force (x, y), 1 for a new yaw rate, age of the IMU reading, N wheel speeds and
+            N enables, shape (R, 6 + 2 N).
         stamps: stamps of these readings [ns], -1 for readings before the start, shape (R,).
         newest: row of the newest reading, and row of the newest reading that the filters have used,
             shape (2,).
