@@ -27,7 +27,7 @@ from omni_platform.signals import Flow, LineBatch, LineBatchError
 __all__ = ["LineBatch", "LineScanOdometry", "OdometryConfiguration", "TwistEstimate"]
 
 _UNKNOWNS = 3  # components of the twist
-_MOST_EARLY = 4  # limit on the number of batches by which a camera may be ahead of the others
+_EARLIEST_NS = 500_000_000  # ns; limit on the time by which a camera may be ahead of the others
 _MINIMUM_VARIANCE = 1e-12  # m^2/s^2; keeps the weights finite for noise-free lines
 _SMALLEST_SHARE = 1e-9  # smallest ratio of two variances; below it, a weight is lost to rounding
 
@@ -106,7 +106,11 @@ class LineScanOdometry:
         """
         if name in self._sensors:
             self._early.append((batch, self._sensors[name].begin(batch)))
-            del self._early[: -_MOST_EARLY * len(self._sensors)]
+            self._early = [
+                (taken, begun)
+                for taken, begun in self._early
+                if abs(batch.stamp_ns - taken.stamp_ns) <= _EARLIEST_NS
+            ]
 
     def update(self, batches: Mapping[str, LineBatch | Flow]) -> TwistEstimate:
         """Return the twist estimated from the measurements since the last update.

@@ -16,7 +16,8 @@ from omni_platform.signals import Flow, LineBatch, TwistSample
 ODOMETRY_GROUP = "linescan_odometry.odometries"
 """Group of entry points in which an installed package registers odometry classes by name."""
 
-_MOST_AHEAD = 2  # batches by which another camera may be ahead before a group stops waiting
+_PATIENCE_NS = 15_000_000
+"""Time by which another sensor may be ahead before a group stops waiting [ns]."""
 
 
 class Odometry(Protocol):
@@ -160,7 +161,6 @@ class BatchCollector:
         """Return the oldest group if it is complete, otherwise an empty dictionary."""
         oldest = {name: queue[0] for name, queue in self._pending.items() if queue}
         awaited = self._pending.keys() - oldest.keys() - self._silent
-        backlog = max(len(queue) for queue in self._pending.values())
         if not oldest:
             return {}
         until_ns = min(batch.stamp_ns for batch in oldest.values()) + self._skew_ns
@@ -174,7 +174,9 @@ class BatchCollector:
             if self._last_ns.get(name, from_ns - period_ns) + period_ns
             <= (until_ns if choices[name] is None else newest_ns)
         } - self._silent
-        if awaited and backlog <= _MOST_AHEAD:
+        queues = [queue for queue in self._pending.values() if queue]
+        ahead_ns = max(queue[-1].stamp_ns - queue[0].stamp_ns for queue in queues)
+        if awaited and ahead_ns <= _PATIENCE_NS:
             return {}
         self._silent |= awaited
         group = {name: batch for name, batch in oldest.items() if batch.stamp_ns <= until_ns}

@@ -30,7 +30,7 @@ _STATIC_PAIRS = 4  # smallest number of line pairs that prove a static view
 _STATIC_DISPLACEMENT = 0.5  # px, oldest to newest line; if it is larger, the view is not static
 # Lines of a static view may lose twice as much correlation as neighboring lines, plus this share.
 _STATIC_TOLERANCE = 0.002
-_ANEW = 10.0  # batches; if stamps go back by more than this, a recording is played again
+_ANEW_NS = 100_000_000  # ns; if stamps go back by more than this, a recording is played again
 _WHOLE = 0.75  # share of a batch; a longer gap counts as a missing batch
 _BACKGROUND = 16384  # pixels of a batch above which a background thread saves time
 
@@ -96,7 +96,7 @@ class LineChain:
         if count == 0:
             raise Unmeasured("the batch contains no line")
         elapsed = (batch.stamp_ns - self._last_ns) / self.period_ns
-        if elapsed < -_ANEW * count:
+        if batch.stamp_ns - self._last_ns < -_ANEW_NS:
             self.reset()
         last = self._last
         if last is not None:

@@ -28,7 +28,7 @@ from omni_platform.signals import Lines
 _STILL_SHARE = 0.25  # share of the width; after this motion across the axis a view must change
 _STILL_PIXELS = 2.0  # px; after this motion along the axis a view must change
 _HARDEST_STOP = 50.0  # m/s^2; a larger deceleration is impossible
-_REMEMBERED = 128  # number of twists that are stored
+_REMEMBERED_NS = 1_280_000_000  # ns; twists are stored for this time, longer than lines (_LONGEST)
 _GAP_NS = 50_000_000  # limit on the time without a twist over which the motion is extrapolated [ns]
 _PIECE = 0.008  # m; ordinary ground leaves a view after the view's width plus this length
 _FAR_ENOUGH = 0.5  # motion across the axis before a test, as a share of (view width + _PIECE)
@@ -208,8 +208,8 @@ class UnsuitableViews:
             )
             for name, s in sensors.items()
         }
-        self._stamps: deque[int] = deque(maxlen=_REMEMBERED)
-        self._paths: deque[FloatArray] = deque(maxlen=_REMEMBERED)  # distance across each axis [m]
+        self._stamps: deque[int] = deque()
+        self._paths: deque[FloatArray] = deque()  # distance across each axis [m]
         self._found: dict[str, str] = {}  # cameras over oblique textures, with the reasons
         self._before: dict[str, tuple[float, float]] = {}  # last persistence and its excess
         self._excess: dict[str, float] = {}  # the smaller of the last two excesses
@@ -320,6 +320,9 @@ class UnsuitableViews:
         across = np.array([rows[1] @ twist for rows in self._rows.values()])
         self._paths.append((self._paths[-1] if self._paths else 0.0) + across * elapsed)
         self._stamps.append(stamp_ns)
+        while stamp_ns - self._stamps[0] >= _REMEMBERED_NS:
+            self._stamps.popleft()
+            self._paths.popleft()
 
     def _contradicted(
         self, readings: Mapping[str, SensorReading], twist: FloatArray

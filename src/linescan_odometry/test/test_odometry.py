@@ -314,9 +314,12 @@ def test_cameras_that_are_matched_as_they_come_give_the_same_twist(expose: Expos
 def test_batches_that_wait_for_others_in_vain_are_forgotten(expose: Expose) -> None:
     odometry = LineScanOdometry(configuration())
     lines = expose(np.arange(26) * 7.3, 256, noise=2.0)
-    for newest in range(25, 2500, 25):
-        odometry.match("front", batch(lines, newest))
-    assert len(odometry._early) <= 12
+    batches = [batch(lines, newest) for newest in range(25, 2500, 25)]
+    for each in batches:
+        odometry.match("front", each)
+    waiting = [taken.stamp_ns for taken, _ in odometry._early]
+    assert waiting[-1] == batches[-1].stamp_ns
+    assert waiting[-1] - waiting[0] <= 500_000_000  # of almost a second
 
 
 def test_warming_up_leaves_no_trace(expose: Expose) -> None:

@@ -16,7 +16,7 @@ from omni_platform.sensors import LineSensor
 from omni_platform.signals import Lines
 
 _ACCELERATION = 15.0  # m/s^2, standard deviation; a hard stop on a dry road reaches 10
-_MEMORY = 50.0  # batches; time constant with which older batches lose weight in the pattern
+_MEMORY = 0.5  # s; time constant with which older batches lose weight in the pattern
 _FEWEST = 7.5  # smallest number of independent moving features; a shadow's edge counts as up to 7
 _TWO_MOTIONS = 0.25  # px; limit on `Fit.difference`; a larger difference indicates two motions
 _LEAST_CONTRAST = 0.03  # gradient energy over noise; below it, wood may match another motion
@@ -54,12 +54,14 @@ class _Camera(NamedTuple):
         weight: weight of each frequency in the search for candidates, shape (F,).
         stated: precision of the prior of the fixed pattern, from the configured `non_uniformity`.
         spread: prior standard deviation of the change of the displacement from line to line [px].
+        fading: share of their weight that older batches lose in the pattern, per line [1].
     """
 
     taper: spectra.Floats
     weight: spectra.Floats
     stated: float
     spread: float
+    fading: float
 
 
 class _View(NamedTuple):
@@ -116,7 +118,7 @@ class JointEstimator:
         stated = 1.0 / power if power > 0.0 else math.inf
         weight = candidates.band_pass(self._size, bins)
         change = _ACCELERATION / (sensor.line_rate**2 * sensor.pixel_pitch)
-        self._camera = _Camera(taper, weight, stated, change)
+        self._camera = _Camera(taper, weight, stated, change, 1.0 / (sensor.line_rate * _MEMORY))
         unknown = spectra.FixedPattern(np.zeros(bins, np.complex64), np.zeros(bins))
         self.pattern = unknown if pattern is None else pattern
         self._last = math.nan
@@ -207,7 +209,7 @@ def _estimate(
     flaw = _flaw(fit, variance, moves, abs(d) * (layout.lines - 1))
     if parted and not flaw:
         # The weight of earlier batches decays exponentially.
-        kept = np.float32(1.0 - 1.0 / _MEMORY)
+        kept = np.float32(max(1.0 - (layout.lines - 1) * camera.fading, 0.0))
         pattern = spectra.FixedPattern(
             pattern.information * kept + batch.information,
             pattern.precision * kept + batch.precision,
