@@ -9,7 +9,7 @@ import numpy as np
 
 from omni_platform import quantities, topics
 from omni_platform.configuration import ConfigurationError
-from omni_platform.text_files import read_text
+from omni_platform.files import read_text
 from omni_recording.error import BagError
 
 COLUMNS = ("time", "forward", "left", "turn", "pedal")

@@ -20,7 +20,7 @@ from omni_platform.configuration import (
     is_configuration,
     join_key,
 )
-from omni_platform.text_files import read_text
+from omni_platform.files import read_text
 from omni_recording.safe_yaml import LARGEST_YAML, SafeLoader
 
 _NO_NOTES: Mapping[str, str] = {}

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from omni_platform.configuration import ConfigurationError
-from omni_platform.user_folders import user_folder
+from omni_platform.files import user_folder
 
 # ID of the process whose end also ends the node; set by the process that starts a graph.
 PARENT_PID_VARIABLE = "OMNI_PARENT_PID"

@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from omni_platform import configuration, quantities, text_files
+from omni_platform import configuration, files, quantities
 
 _COLUMNS = ("slip", "load", "force")
 _UNITS = {"load_n": "load", "force_n": "force"}
@@ -53,7 +53,7 @@ def read_tire_data(path: Path) -> TireData:
             number.
     """
     try:
-        text = text_files.read_text(path, encoding="utf-8-sig")
+        text = files.read_text(path, encoding="utf-8-sig")
     except OSError as error:
         raise TireDataError(f"cannot read the file: {error.strerror}") from None
     except UnicodeDecodeError:

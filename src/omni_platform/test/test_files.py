@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from omni_platform.user_folders import user_folder
+from omni_platform.files import user_folder
 
 
 @pytest.fixture(autouse=True)
