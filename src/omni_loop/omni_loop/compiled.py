@@ -17,12 +17,10 @@ from numpy.typing import NDArray
 
 from omni_brake_assist import assist_state, assist_step
 from omni_brake_assist.conditions import GOOD
-from omni_brake_assist.configuration import LAWS
 from omni_brake_assist.imu_integration import add_reading, end_step, new_integral
 from omni_brake_assist.laws.law import NO_HELP, Law, call_law, own_law
 from omni_loop.experiment import ExperimentConfiguration
 from omni_loop.history import RunHistory, without_jumps
-from omni_platform.configuration import ConfigurationError
 from omni_platform.kernels import inlined, lean
 from omni_platform.quantities import BoolArray, FloatArray, IntArray
 from omni_platform.signals import MISSING, VALID, ImuSample, TwistSample, WheelSample
@@ -132,7 +130,7 @@ def run_fast_loop(
     Raises:
         ConfigurationError: the feedback is optical, or a user's law is combined with `source`.
     """
-    _check(configuration, source)
+    configuration.check_fast_loop(own_source=source is not None)
     driver = ScriptedDriver(configuration.maneuver)
     ground, simulation = configuration.ground, configuration.simulation
     friction = FrictionMap(ground.friction, ground.patches)
@@ -179,22 +177,6 @@ def run_fast_loop(
         tipping_steps=vehicle.tipping_steps,
         **written,
     )
-
-
-def _check(configuration: ExperimentConfiguration, source: TwistSource | None) -> None:
-    if configuration.feedback != "velocity_sensor":
-        raise ConfigurationError(
-            "feedback", f"is {configuration.feedback}, must be velocity_sensor in the fast loop"
-        )
-    if configuration.vehicle.wheel_model == "mujoco":
-        raise ConfigurationError(
-            "vehicle.wheel_model", "is mujoco, which the fast loop does not support"
-        )
-    limits = configuration.brake_assist
-    if source is not None and limits.law not in LAWS:
-        raise ConfigurationError("brake_assist.law", "must be built in, as the source is in Python")
-    if list(limits.wheels.items()) != list(configuration.vehicle.wheels.items()):
-        raise ConfigurationError("brake_assist.wheels", "must be those of the vehicle")
 
 
 def _loop(configuration: ExperimentConfiguration, driver: ScriptedDriver) -> _Loop:

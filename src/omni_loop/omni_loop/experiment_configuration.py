@@ -5,7 +5,7 @@ from collections.abc import Iterable
 from linescan_odometry.odometry import OdometryConfiguration
 from linescan_odometry.port import ODOMETRY_GROUP, make_odometry
 from linescan_odometry.twist.least_squares import check_placement
-from omni_brake_assist.configuration import BrakeAssistConfiguration
+from omni_brake_assist.configuration import LAWS, BrakeAssistConfiguration
 from omni_brake_assist.laws.law import own_law
 from omni_platform import geometry, plugins
 from omni_platform.configuration import ConfigurationError, parameter
@@ -76,6 +76,30 @@ class ExperimentConfiguration(SimulatorConfiguration):
                 "simulation.render_lines",
                 "must be true for optical feedback; feedback=velocity_sensor needs no lines",
             )
+
+    def check_fast_loop(self, *, own_source: bool) -> None:
+        """Check that the compiled loop without cameras can run this experiment.
+
+        Args:
+            own_source: whether the twist comes from a function in Python.
+
+        Raises:
+            ConfigurationError: the feedback, the engine, the law or the wheels are unsuitable.
+        """
+        if self.feedback != "velocity_sensor":
+            raise ConfigurationError(
+                "feedback", f"is {self.feedback}, must be velocity_sensor in the fast loop"
+            )
+        if self.vehicle.wheel_model == "mujoco":
+            raise ConfigurationError(
+                "vehicle.wheel_model", "is mujoco, which the fast loop does not support"
+            )
+        if own_source and self.brake_assist.law not in LAWS:
+            raise ConfigurationError(
+                "brake_assist.law", "must be built in, as the source is in Python"
+            )
+        if list(self.brake_assist.wheels.items()) != list(self.vehicle.wheels.items()):
+            raise ConfigurationError("brake_assist.wheels", "must be those of the vehicle")
 
     def check_drivable(self) -> None:
         """Check that the configured odometry, law and engine work on a simulated vehicle.

@@ -8,17 +8,9 @@ from typing import NamedTuple
 
 from omni_platform.kernels import lean
 from omni_platform.quantities import SECOND_NS, FloatArray, IntArray
+from omni_sim import faults as sensor_faults
 from omni_sim.configuration import SimulatorConfiguration
 from omni_sim.encoders import Encoders, build_encoders, read_encoders
-from omni_sim.faults import (
-    ACCELEROMETER,
-    ENCODER,
-    GYRO,
-    TWIST,
-    Faults,
-    build_faults,
-    corrupt,
-)
 from omni_sim.imu import IMU_DRAWS, Imu, build_imu, is_due, read_imu
 from omni_sim.vehicle.state import Structured
 
@@ -28,7 +20,7 @@ class Instruments(NamedTuple):
 
     imu: Imu
     encoders: Encoders
-    faults: Faults
+    faults: sensor_faults.Faults
 
 
 class Truth(NamedTuple):
@@ -79,7 +71,9 @@ def build_instruments(configuration: SimulatorConfiguration) -> Instruments:
     return Instruments(
         imu,
         build_encoders(configuration.encoders, wheels),
-        build_faults(configuration.faults, wheels, min(period_ns, imu.period_ns) / SECOND_NS),
+        sensor_faults.build_faults(
+            configuration.faults, wheels, min(period_ns, imu.period_ns) / SECOND_NS
+        ),
     )
 
 
@@ -108,9 +102,12 @@ def measure(instruments: Instruments, truth: Truth, draw: FloatArray, readings: 
     noise = spare[:3], spare[IMU_DRAWS + 3 : IMU_DRAWS + 3 + count]
     if faults.table.shape[0] > 0:
         # A loop is used because numba would compile `corrupt` again for each constant argument.
-        channels, values = (TWIST, ENCODER), (readings.twist, readings.wheels)
+        channels, values = (
+            (sensor_faults.TWIST, sensor_faults.ENCODER),
+            (readings.twist, readings.wheels),
+        )
         for k in range(len(channels)):
-            corrupt(faults, channels[k], step, step * period_ns, noise[k], values[k])
+            sensor_faults.corrupt(faults, channels[k], step, step * period_ns, noise[k], values[k])
     first, others = draw[:IMU_DRAWS], spare[IMU_DRAWS + 3 + count :]
     return _measure_inertial(
         instruments, truth, (first, spare[3 : 3 + IMU_DRAWS], others), readings
@@ -138,9 +135,11 @@ def _measure_inertial(
         reading, number = readings.inertial[count], imu.counters[1]
         read_imu(imu, stamp_ns, truth.path[k], truth.tilt, noise, reading)
         if faults.table.shape[0] > 0:
-            for channel in (GYRO, ACCELEROMETER):
-                axes = slice(0, 1) if channel == GYRO else slice(1, 3)
-                corrupt(faults, channel, number, stamp_ns, fault_noise[axes], reading[axes])
+            for channel in (sensor_faults.GYRO, sensor_faults.ACCELEROMETER):
+                axes = slice(0, 1) if channel == sensor_faults.GYRO else slice(1, 3)
+                sensor_faults.corrupt(
+                    faults, channel, number, stamp_ns, fault_noise[axes], reading[axes]
+                )
         readings.imu_ns[count] = stamp_ns
         noise, fault_noise, others = others[:3], others[3:6], others[6:]
         count += 1

@@ -48,9 +48,7 @@ def estimate(
             return bank.NO_ESTIMATE
         bank.begin(constants, memory, now_ns, twist)
         elapsed = 0.0
-    if record.pressed and not braking:
-        bank.reset_posterior(constants, memory)
-    record.pressed = braking
+    _press(constants, memory, braking)
     _restart(memory, now_ns)
     memory.evidence[:] = 0.0
     _store(constants, memory, now_ns, readings)
@@ -60,7 +58,7 @@ def estimate(
     _advance(constants, memory, max(target_ns, valid_ns) if fresh else target_ns)
     if fresh:
         filters.fuse_twist(constants, memory, (valid_ns - record.twist_ns) * 1e-9, twist)
-        record.twist_ns, record.received = valid_ns, True
+        record.twist_ns, record.received, record.kept = valid_ns, True, bank.NO_ESTIMATE
     if record.known:
         _update_posterior(constants, memory, elapsed)
     record.known = record.known or fresh
@@ -72,14 +70,34 @@ def estimate(
         return bank.ALL
     best = int(_answer(constants, memory, record.best, answer))
     record.known = record.known or best != bank.NO_ESTIMATE
-    if fresh:
-        record.kept = bank.NO_ESTIMATE
-        if valid_ns == now_ns:
-            _keep_precise(constants, memory, best, twist, answer)
+    if fresh and valid_ns == now_ns:
+        _keep_precise(constants, memory, best, twist, answer)
+    _add_precise(constants, memory, now_ns, best, answer)
+    return best
+
+
+@lean
+def _press(constants: BankConstants, memory: BankMemory, braking: bool) -> None:
+    """Note whether the pedal is down; after a stop the hypotheses have their priors again."""
+    record = memory.record[0]
+    if record.pressed and not braking:
+        bank.reset_posterior(constants, memory)
+    record.pressed = braking
+
+
+@lean
+def _add_precise(
+    constants: BankConstants, memory: BankMemory, now_ns: int, best: int, answer: FloatArray
+) -> None:
+    """Add the difference that `_keep_precise` has stored, while it is recent.
+
+    The arguments are those of `estimate`; `best` is its result. The difference belongs to one
+    hypothesis.
+    """
+    record = memory.record[0]
     if best == record.kept and now_ns - record.twist_ns <= constants.twist_wait:
         for j in range(answer.size):
             answer[j] += memory.precise[j]
-    return best
 
 
 @lean

@@ -123,9 +123,8 @@ def fuse_wheels(
             _fuse_wheel(constants, memory, i, k, wheel, span, dt)
         released = released or memory.released[i] >= constants.spin_up
         rolling = rolling or math.isfinite(memory.wheel_ratio[i])
-    record.unsupported += dt if braking and released else 0.0
-    if rolling:
-        record.unsupported = 0.0
+    waited = dt if braking and released else 0.0
+    record.unsupported = 0.0 if rolling else record.unsupported + waited
 
 
 @lean

@@ -40,8 +40,8 @@ class Options(CommandOptions):
 def run(options: Options, workspace: Workspace) -> Report:
     """Write the parameter files and the URDF."""
     from omni_bringup.graph.hardware import read_hardware, write_parameters
-    from omni_platform.rollers import roller_remarks
     from omni_platform.sensors import heading_remarks
+    from omni_sim.vehicle.rollers import roller_remarks
 
     hardware = read_hardware(options.configuration, workspace.experiment_library())
     for remark in roller_remarks(hardware.brake_assist.wheels):

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from omni_platform.configuration import from_mapping
 from omni_platform.geometry import WheelMount
-from omni_platform.rollers import Rollers, roller_remarks
+from omni_sim.vehicle.rollers import Rollers, roller_remarks
 
 CONFIG = Path(__file__).parents[3] / "config"
 FILES = sorted([*CONFIG.glob("vehicles/*.yaml"), *CONFIG.glob("hardware/*.yaml")])
