@@ -15,7 +15,7 @@ from omni_platform.configuration import from_mapping
 from omni_platform.geometry import WheelMount
 from omni_sim.vehicle.rollers import Rollers, roller_remarks
 
-CONFIG = Path(__file__).parents[3] / "config"
+CONFIG = Path(__file__).parents[4] / "config"
 FILES = sorted([*CONFIG.glob("vehicles/*.yaml"), *CONFIG.glob("hardware/*.yaml")])
 
 
