@@ -296,8 +296,7 @@ class BrakeAssistNode(Node):
     def _on_twist(self, message: TwistWithCovarianceStamped) -> None:
         self._twist_received = self._running.now()
         frame, expected = message.header.frame_id, self._prefix + self._base_frame
-        is_known = not frame or not self._base_frame
-        problem = "" if is_known else frame_problem(frame, expected)
+        problem = frame_problem(frame, expected) if frame and self._base_frame else ""
         self._assist.check_twist_frame(problem)
         twist = messages.twist_of(message)
         self._rates["twist"].update(twist.stamp_ns)
