@@ -96,7 +96,7 @@ def parameters(tmp_path_factory: pytest.TempPathFactory) -> Path:
     assert finished.returncode == 0, finished.stderr
     written = ["brake_assist.yaml", "log_only.yaml", "recorder.yaml", "robot.urdf"]
     written += ["robot_state_publisher.yaml"]
-    assert {str(folder / name) for name in written} == set(finished.stdout.split())
+    assert {str(folder / name) for name in written} == set(finished.stdout.splitlines())
     return folder
 
 
