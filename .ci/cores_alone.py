@@ -6,7 +6,7 @@ import importlib
 import pkgutil
 import sys
 
-CORES = ("omni_platform", "linescan_odometry", "omni_brake_assist", "omni_sim")
+CORES = ("omni_core", "linescan_odometry", "omni_brake_assist", "omni_sim")
 
 
 def import_all() -> int:
@@ -28,7 +28,7 @@ def measure() -> None:
     import numpy as np
 
     from linescan_odometry.odometry import LineBatch, LineScanOdometry, OdometryConfiguration
-    from omni_platform.sensors import LineSensor
+    from omni_core.sensors import LineSensor
 
     def camera(x: float, y: float, heading_deg: float) -> LineSensor:
         view = {"pixels": 256, "length": 0.256, "width": 0.002, "line_rate": 1000.0}

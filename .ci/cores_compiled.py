@@ -10,7 +10,7 @@ import numpy as np
 from omni_brake_assist.configuration import BrakeAssistConfiguration
 from omni_brake_assist.laws.law import Motion
 from omni_brake_assist.laws.sliding_mode import SlidingMode
-from omni_platform.geometry import PlatformGeometry, WheelMount
+from omni_core.geometry import PlatformGeometry, WheelMount
 from omni_sim.configuration import SimulationConfiguration, SimulatorConfiguration
 from omni_sim.driver.scripted import ManeuverConfiguration
 from omni_sim.simulator import Simulator

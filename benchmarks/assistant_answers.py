@@ -19,15 +19,15 @@ from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.node import Node
 from sensor_msgs.msg import Imu, JointState
 
-from omni_bringup.graph import nodes as graph
-from omni_bringup.graph.domain import reserved_domain
-from omni_bringup.graph.process_group import ProcessGroup
-from omni_loop.compiled import FastRun, run_fast_loop
-from omni_platform import topics
-from omni_platform.quantities import FloatArray
+from omni_core import topics
+from omni_core.quantities import FloatArray
 from omni_ros import messages
 from omni_ros.environment import node_environment
 from omni_ros.qos import RECENT, advertise, subscribe
+from omni_runs.compiled import FastRun, run_fast_loop
+from omni_runs.graph import nodes as graph
+from omni_runs.graph.domain import reserved_domain
+from omni_runs.graph.process_group import ProcessGroup
 
 PERIOD = 0.01  # [s]
 SPEED_UP = 3.0  # [s] duration of the acceleration between two stops

@@ -12,9 +12,9 @@ import numpy as np
 import output
 
 from omni_brake_assist.brake_assist import BrakeAssist, BrakeDemand
-from omni_loop.compiled import run_fast_loop
-from omni_platform.quantities import SECOND_NS
-from omni_platform.signals import ImuSample, TwistSample, WheelSample
+from omni_core.quantities import SECOND_NS
+from omni_core.signals import ImuSample, TwistSample, WheelSample
+from omni_runs.compiled import run_fast_loop
 
 
 def main() -> None:

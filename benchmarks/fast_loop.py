@@ -7,7 +7,7 @@ from functools import partial
 
 import output
 
-from omni_loop.compiled import run_fast_loop
+from omni_runs.compiled import run_fast_loop
 
 ALONE = "brake_assist.fault_detection=false"
 RUNS = {

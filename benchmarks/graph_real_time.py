@@ -13,9 +13,9 @@ from pathlib import Path
 
 import output
 
-from omni_bringup.graph.run_variant import finish_runs, run_variant
-from omni_loop.experiment import ExperimentConfiguration
-from omni_loop.loop import run_closed_loop
+from omni_runs.experiment import ExperimentConfiguration
+from omni_runs.graph.run_variant import finish_runs, run_variant
+from omni_runs.loop import run_closed_loop
 from omni_sim.simulator import Simulator
 
 

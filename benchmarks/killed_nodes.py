@@ -20,9 +20,9 @@ import tempfile
 import time
 from pathlib import Path
 
-from omni_loop.metrics import run_metrics
-from omni_loop.recorded_run import read_run
 from omni_recording.error import BagError
+from omni_runs.metrics import run_metrics
+from omni_runs.recorded_run import read_run
 
 sys.path.append(str(Path(__file__).resolve().parents[1] / "tests"))
 from omni_process import (

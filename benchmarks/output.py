@@ -8,8 +8,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from omni_loop.experiment import ExperimentConfiguration, ExperimentLibrary
-from omni_platform.sensors import LineSensor
+from omni_core.sensors import LineSensor
+from omni_runs.experiment import ExperimentConfiguration, ExperimentLibrary
 
 BLIND = ("feedback=velocity_sensor", "simulation.render_lines=false")
 _CONFIG = Path(__file__).resolve().parents[1] / "config"

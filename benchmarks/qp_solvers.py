@@ -15,8 +15,8 @@ import quadprog
 
 from omni_brake_assist.laws import allocation, law
 from omni_brake_assist.laws.box_least_squares import Box, box_least_squares
-from omni_loop import compiled
-from omni_platform.kernels import lean
+from omni_core.kernels import lean
+from omni_runs import compiled
 
 problems: list[Box] = []  # copies of the solved QPs of the stop
 

@@ -19,7 +19,7 @@ import numpy as np
 import output
 from numpy.typing import NDArray
 
-from omni_platform.sensors import LineSensor
+from omni_core.sensors import LineSensor
 from omni_sim.camera.camera import CameraConfiguration, LineCameraArray
 from omni_sim.texture.cache import TextureCache
 from omni_sim.texture.texture import KINDS, GroundTexture, TextureConfiguration, generate_texture

@@ -17,11 +17,11 @@ import rclpy
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
 
-from omni_bringup.graph import nodes as graph
-from omni_bringup.graph.domain import reserved_domain
-from omni_bringup.graph.process_group import NodeProcess, find_executable
-from omni_platform import topics
+from omni_core import topics
 from omni_ros.environment import node_environment
+from omni_runs.graph import nodes as graph
+from omni_runs.graph.domain import reserved_domain
+from omni_runs.graph.process_group import NodeProcess, find_executable
 
 SETTLING = 6.0  # [s] from the appearance of a node until it is ready
 

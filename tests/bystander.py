@@ -15,8 +15,8 @@ from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
-from omni_bringup.graph.process_group import NodeProcess, ProcessGroup
 from omni_ros.environment import node_environment
+from omni_runs.graph.process_group import NodeProcess, ProcessGroup
 
 
 @contextmanager

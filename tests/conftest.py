@@ -16,7 +16,7 @@ from typing import Any
 import pytest
 from omni_process import WORKSPACE, omni_here
 
-from omni_loop.experiment import ExperimentLibrary
+from omni_runs.experiment import ExperimentLibrary
 
 
 @dataclasses.dataclass(frozen=True)

@@ -9,7 +9,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from omni_platform.kernels import njit
+from omni_core.kernels import njit
 
 
 def integrate_exactly(

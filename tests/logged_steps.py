@@ -7,8 +7,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from omni_platform.kernels import kernel
-from omni_platform.quantities import FloatArray
+from omni_core.kernels import kernel
+from omni_core.quantities import FloatArray
 from omni_sim.vehicle import dynamics, state
 from omni_sim.vehicle.vehicle import Vehicle
 

@@ -11,8 +11,8 @@ import numpy as np
 from omni_brake_assist.brake_assist import BrakeAssist, BrakeDemand
 from omni_brake_assist.conditions import AssistState, Decision
 from omni_brake_assist.configuration import BrakeAssistConfiguration
-from omni_platform.geometry import WheelMount
-from omni_platform.signals import TwistSample
+from omni_core.geometry import WheelMount
+from omni_core.signals import TwistSample
 
 Wheels = dict[str, WheelMount]
 PERIOD_NS = 10_000_000

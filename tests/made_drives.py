@@ -11,12 +11,10 @@ from pathlib import Path
 import numpy as np
 
 from omni_brake_assist.brake_assist import BrakeAssist
-from omni_loop.experiment import ExperimentLibrary
-from omni_loop.loop import make_estimator, steps
-from omni_platform.brakes import (
-    BrakeConfiguration,
-)
-from omni_platform.geometry import WheelMount
+from omni_core.brakes import BrakeConfiguration
+from omni_core.geometry import WheelMount
+from omni_runs.experiment import ExperimentLibrary
+from omni_runs.loop import make_estimator, steps
 from omni_sim.simulator import Simulator
 from omni_sim.vehicle.configuration import VehicleConfiguration
 from omni_tools.commissioning.mistakes import (

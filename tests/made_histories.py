@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from omni_loop.history import SIGNALS, RunHistory
+from omni_runs.history import SIGNALS, RunHistory
 
 PERIOD_NS = 10_000_000
 WHEELS = ("front_left", "front_right", "rear_left", "rear_right")

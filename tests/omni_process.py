@@ -16,7 +16,7 @@ from typing import Any
 from unittest import mock
 
 from omni_bringup.cli import main
-from omni_platform.exit_codes import ExitCode
+from omni_core.commands.exit_codes import ExitCode
 
 WORKSPACE = Path(__file__).resolve().parents[1]
 RUN_TIMEOUT = 240.0  # [s] a run takes seconds; this only ends one that hangs

@@ -11,8 +11,8 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike
 
-from omni_platform.geometry import PlatformGeometry
-from omni_platform.quantities import FloatArray
+from omni_core.geometry import PlatformGeometry
+from omni_core.quantities import FloatArray
 from omni_sim.vehicle import dynamics, uneven_ground
 from omni_sim.vehicle.placing import rolling_radius
 from omni_sim.vehicle.uneven_ground import road_plane_at

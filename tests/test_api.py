@@ -16,7 +16,7 @@ from omni_tools.vehicles.estimates import Measured, write_vehicle
 PAGE = (WORKSPACE / "docs" / "api.md").read_text(encoding="utf-8")
 ENTRIES = re.findall(r"^\| \[`([\w.]+)`\]\(\.\./(.+)\) \|.*\|$", PAGE, re.MULTILINE)
 # Packages that the pip command of docs/extending.md does not install.
-OTHERS = ("omni_loop", "omni_figures", "omni_tools", "omni_studies", "omni_bringup",
+OTHERS = ("omni_runs", "omni_tools", "omni_studies", "omni_bringup",
           "omni_recording", "omni_vehicle", "omni_ros", "rclpy")  # fmt: skip
 
 

@@ -14,14 +14,16 @@ from pathlib import Path
 import pytest
 from omni_process import WORKSPACE
 
-from omni_platform.configuration import Configuration, declared_parameters, without_none
+from omni_core.configuration import Configuration, declared_parameters, without_none
 
 MOST_MODULES = 15  # side by side in a folder, apart from what makes a node of a package
-PLUG_INS = {"omni_studies/studies", "omni_bringup/commands"}  # a file each, found by its name
+PLUG_INS = {"omni_studies/studies"}  # a file each, found by its name
 LONGEST_FILE, LONGEST_FUNCTION = 450, 59  # lines
 MOST_NAMES = 6  # imported from one module; a file that needs more of them imports the module
-# Packages whose modules may use ROS, in addition to the nodes.
-OF_ROS = {"omni_ros", "omni_recording", "omni_bringup"}
+# Packages and folders whose modules may use ROS and the clock, in addition to the nodes.
+OF_ROS = ("omni_ros.", "omni_recording.", "omni_bringup.", "omni_core.commands.",
+          "omni_runs.graph.", "omni_runs.replay.", "omni_tools.drive.", "omni_tools.node_check.",
+          "omni_tools.commissioning.command")  # fmt: skip
 
 
 def modules() -> dict[str, Path]:
@@ -92,10 +94,23 @@ def test_imports_are_the_arrows_of_the_map(imports: dict[str, set[str]]) -> None
         package = name.split(".")[0]
         others = {other.split(".")[0] for other in names} & drawn.keys() - {package}
         used[package] |= others
-        if "omni_ros" in others and package not in OF_ROS:
+        if "omni_ros" in others and not name.startswith(OF_ROS):
             assert knows_ros(name), f"{name}: only a node may need what the nodes share of ROS"
     assert used == drawn
     assert_no_circle(used)
+
+
+def test_no_package_needs_the_studies_and_no_feature_the_command_of_another(
+    imports: dict[str, set[str]],
+) -> None:
+    for name, names in imports.items():
+        own = name.rpartition(".")[0]
+        package = name.split(".")[0]
+        if package != "omni_studies":
+            assert not {other for other in names if other.startswith("omni_studies")}, name
+        commands = {other for other in names & MODULES.keys() if other.endswith(".command")}
+        if package in ("omni_tools", "omni_studies"):
+            assert {other.rpartition(".")[0] for other in commands} <= {own}, name
 
 
 def test_nothing_is_imported_in_a_circle_and_no_folder_is_crowded(
@@ -164,7 +179,8 @@ def test_every_number_of_a_configuration_has_bounds() -> None:
         if name != "seed" and cls.__module__.startswith(tuple(arrows_of_the_map()))
     }
     # These options are checked by the bounds of `omni_tools.vehicles.estimates.Measured`.
-    assert {name for name in unbounded if ".new_vehicle.Options." not in name} == set()
+    of_new_vehicle = "omni_tools.vehicles.command.Options."
+    assert {name for name in unbounded if not name.startswith(of_new_vehicle)} == set()
 
 
 def subclasses(cls: type[Configuration]) -> Iterator[type[Configuration]]:
@@ -187,7 +203,7 @@ def test_cores_know_no_ros_and_no_clock(imports: dict[str, set[str]]) -> None:
         roots = {other.split(".")[0] for other in imports[name]}
         assert not {root for root in roots if root == "rclpy" or root.endswith("_msgs")}, name
         # Measuring what a simulation costs takes a clock.
-        if not name.startswith("omni_bringup.") and not name.endswith(".cost"):
+        if not name.startswith(OF_ROS) and not name.endswith(".cost"):
             assert not {"time", "datetime", "logging"} & roots, name
 
 

@@ -14,9 +14,9 @@ from geometry_msgs.msg import Twist, TwistStamped
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool, Float64, Float64MultiArray
 
-from omni_bringup.graph.domain import reserved_domain
 from omni_ros.messages import joint_state
 from omni_ros.qos import RELIABLE
+from omni_runs.graph.domain import reserved_domain
 
 WHEELS = ("left", "right")
 JOINTS = ("left_joint", "right_joint")

@@ -22,15 +22,15 @@ from rclpy.parameter import Parameter
 from sensor_msgs.msg import Imu, JointState
 
 from omni_brake_assist.brake_assist_node import BrakeAssistNode
-from omni_bringup.graph import nodes as graph
-from omni_bringup.graph.domain import reserved_domain
-from omni_bringup.graph.process_group import ProcessGroup
-from omni_loop.experiment import ExperimentConfiguration, ExperimentLibrary
-from omni_platform.kinematics import PlatformKinematics
+from omni_core.kinematics import PlatformKinematics
 from omni_ros.environment import node_environment
 from omni_ros.messages import joint_state, planar_twist_with_covariance, to_nanoseconds
 from omni_ros.process import Spinner, StopFlag
 from omni_ros.qos import RELIABLE
+from omni_runs.experiment import ExperimentConfiguration, ExperimentLibrary
+from omni_runs.graph import nodes as graph
+from omni_runs.graph.domain import reserved_domain
+from omni_runs.graph.process_group import ProcessGroup
 
 STEP_NS = 10_000_000
 GOOD = np.diag([1e-6, 1e-6, 1e-6])

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 from sensor_msgs.msg import CameraInfo
 
-from omni_platform.sensors import LineSensor
+from omni_core.sensors import LineSensor
 from omni_ros.line_images import contradiction_of
 
 CAMERA = LineSensor(x=0.0, y=0.0, heading_deg=0.0, pixels=1000, length=0.05)

@@ -17,15 +17,15 @@ from geometry_msgs.msg import TwistWithCovarianceStamped
 from omni_process import WORKSPACE
 from sensor_msgs.msg import CameraInfo
 
-from omni_bringup.graph import nodes as graph
-from omni_bringup.graph.domain import reserved_domain
-from omni_bringup.graph.process_group import NodeProcess, ProcessGroup, wait_for
-from omni_loop.experiment import ExperimentLibrary
-from omni_platform.configuration import to_mapping
-from omni_platform.sensors import LineSensor, sensor_matrix
+from omni_core.configuration import to_mapping
+from omni_core.sensors import LineSensor, sensor_matrix
 from omni_ros.environment import node_environment
 from omni_ros.messages import twist_of
 from omni_ros.qos import LATCHED, RELIABLE
+from omni_runs.experiment import ExperimentLibrary
+from omni_runs.graph import nodes as graph
+from omni_runs.graph.domain import reserved_domain
+from omni_runs.graph.process_group import NodeProcess, ProcessGroup, wait_for
 
 FRAME_RATE, ROWS, SECONDS = 50.0, 16, 4.0
 BATCH = 0.1  # [s]: the odometry waits for two of them for a camera that a busy machine holds up

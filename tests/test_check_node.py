@@ -18,13 +18,13 @@ from omni_process import omni, omni_command, omni_here
 from rclpy.duration import Duration
 from rclpy.serialization import serialize_message
 
-from omni_bringup.graph.domain import reserved_domain
-from omni_bringup.node_check.contract import CONTRACT, simulator_breaches
-from omni_bringup.node_check.enables_node import Enables
-from omni_bringup.node_check.exchange_node import Exchange, Partner
-from omni_platform import topics
+from omni_core import topics
 from omni_ros.messages import joint_state, message_class, planar_twist_with_covariance, to_time
 from omni_ros.qos import RELIABLE
+from omni_runs.graph.domain import reserved_domain
+from omni_tools.node_check.contract import CONTRACT, simulator_breaches
+from omni_tools.node_check.enables_node import Enables
+from omni_tools.node_check.exchange_node import Exchange, Partner
 
 ROOT = Path(__file__).resolve().parents[1]
 PERIOD_NS = 10_000_000

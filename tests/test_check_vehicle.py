@@ -16,14 +16,14 @@ from rclpy.duration import Duration
 from sensor_msgs.msg import JointState
 
 from omni_bringup.cli import main
-from omni_bringup.graph.domain import reserved_domain
-from omni_bringup.node_check.drive_node import receive_drive
-from omni_bringup.node_check.exchange_node import Partner
-from omni_loop.experiment import ExperimentLibrary
-from omni_platform.kinematics import PlatformKinematics
-from omni_platform.quantities import FloatArray
+from omni_core.kinematics import PlatformKinematics
+from omni_core.quantities import FloatArray
 from omni_ros.messages import joint_state
 from omni_ros.qos import RELIABLE
+from omni_runs.experiment import ExperimentLibrary
+from omni_runs.graph.domain import reserved_domain
+from omni_tools.commissioning.drive_node import receive_drive
+from omni_tools.node_check.exchange_node import Partner
 
 EXPERIMENT = ExperimentLibrary(WORKSPACE / "config").load("commissioning", "assisted")
 WHEELS = tuple(EXPERIMENT.vehicle.wheels)

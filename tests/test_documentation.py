@@ -15,12 +15,12 @@ from safety_table import rows as hazards
 from safety_table import table
 
 import omni_studies
-from omni_bringup.commands import commands_of
-from omni_bringup.reference.dissertation import STATUSES, chapters, page
 from omni_bringup.reference.parameters import reference
-from omni_loop.metrics import run_metrics
-from omni_loop.recorded_run import read_run
+from omni_core.commands import commands_of
+from omni_runs.metrics import run_metrics
+from omni_runs.recorded_run import read_run
 from omni_studies import page_numbers
+from omni_studies.dissertation import STATUSES, chapters, page
 
 GENERATED = {"dissertation.md", "options.md", "parameters.md"}
 # Decimals that are settings, definitions, limits of studies or values of data sheets, by page.
@@ -54,7 +54,7 @@ def test_parameter_reference_is_current() -> None:
 def test_the_page_of_the_dissertation_is_current_and_names_what_exists() -> None:
     written = (WORKSPACE / "docs/dissertation.md").read_text(encoding="utf-8")
     assert written == page(WORKSPACE), (
-        "write it anew: python -m omni_bringup.reference.dissertation > docs/dissertation.md"
+        "write it anew: python -m omni_studies.dissertation > docs/dissertation.md"
     )
     for row in (row for rows in chapters(WORKSPACE).values() for row in rows):
         assert row.status in STATUSES, row
@@ -153,7 +153,7 @@ def test_every_metric_that_the_code_names_is_explained() -> None:
     named = re.compile(r'f?"([a-z]\w*)\.[^"\n]*"\]? ?[:=]\s*(?:Metric|results_entry)\(')
     found = {
         name
-        for folder in ("omni_loop", "omni_tools", "omni_studies", "omni_bringup")
+        for folder in ("omni_runs", "omni_tools", "omni_studies", "omni_bringup")
         for module in (WORKSPACE / "src" / folder / folder).rglob("*.py")
         for name in named.findall(module.read_text("utf-8"))
     }

@@ -276,7 +276,7 @@ def test_a_driver_who_hangs_brakes_and_one_who_dies_ends_the_drive(
 ) -> None:
     """This test is the last, because it ends the drive; the recording is then complete."""
     page.drive_to(2.0)
-    (driver,) = processes_of("omni_bringup", drive.process.pid, "driver")
+    (driver,) = processes_of("omni_tools", drive.process.pid, "driver")
     os.kill(driver, signal.SIGSTOP)
     onlooker.wait(lambda: onlooker.pedal == 1.0 and abs(onlooker.speed) < 0.05)
     os.kill(driver, signal.SIGKILL)

@@ -12,15 +12,15 @@ from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import TwistWithCovarianceStamped
 from omni_process import WORKSPACE
 
-from omni_bringup.graph import nodes as graph
-from omni_bringup.graph.domain import reserved_domain
-from omni_bringup.graph.process_group import ProcessGroup
-from omni_loop.experiment import ExperimentLibrary
-from omni_platform.sensors import FlowSensor, sensor_matrix
-from omni_platform.signals import Flow
+from omni_core.sensors import FlowSensor, sensor_matrix
+from omni_core.signals import Flow
 from omni_ros.environment import node_environment
 from omni_ros.messages import to_nanoseconds, twist_of
 from omni_ros.qos import RELIABLE
+from omni_runs.experiment import ExperimentLibrary
+from omni_runs.graph import nodes as graph
+from omni_runs.graph.domain import reserved_domain
+from omni_runs.graph.process_group import ProcessGroup
 from omni_sim.messages import flow_message
 
 TWIST = np.array((0.8, -0.3, 0.5))

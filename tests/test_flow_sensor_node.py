@@ -14,15 +14,15 @@ from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import TwistWithCovarianceStamped
 from omni_process import WORKSPACE
 
-from omni_bringup.graph import nodes as graph
-from omni_bringup.graph.domain import reserved_domain
-from omni_bringup.graph.process_group import ProcessGroup
-from omni_loop.experiment import ExperimentLibrary
-from omni_loop.yaml_files import read_mapping
-from omni_platform.sensors import FlowSensor, sensor_matrix
+from omni_core.sensors import FlowSensor, sensor_matrix
 from omni_ros.environment import node_environment
 from omni_ros.messages import to_nanoseconds, twist_of
 from omni_ros.qos import RELIABLE
+from omni_runs.experiment import ExperimentLibrary
+from omni_runs.graph import nodes as graph
+from omni_runs.graph.domain import reserved_domain
+from omni_runs.graph.process_group import ProcessGroup
+from omni_runs.yaml_files import read_mapping
 
 # A chip that is unplugged after seven readings, the fourth of which is of a dark ground. Each time
 # that it is opened, it moves faster.

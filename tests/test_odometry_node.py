@@ -20,13 +20,13 @@ from rclpy.serialization import serialize_message
 from sensor_msgs.msg import Image
 from std_msgs.msg import Header
 
-from omni_bringup.graph import nodes as graph
-from omni_bringup.graph.domain import reserved_domain
-from omni_bringup.graph.process_group import ProcessGroup
-from omni_loop.experiment import ExperimentLibrary
 from omni_ros.environment import node_environment
 from omni_ros.messages import to_nanoseconds, to_time
 from omni_ros.qos import RELIABLE
+from omni_runs.experiment import ExperimentLibrary
+from omni_runs.graph import nodes as graph
+from omni_runs.graph.domain import reserved_domain
+from omni_runs.graph.process_group import ProcessGroup
 
 LINES = 26
 RATE = 2500.0

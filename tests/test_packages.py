@@ -14,7 +14,7 @@ import pytest
 import yaml
 from omni_process import WORKSPACE
 
-from omni_platform.compilation import NUMBA_SERIES
+from omni_core.compilation import NUMBA_SERIES
 from setup import release
 
 # Keys of rosdep for what is no ROS package of the same name.
@@ -144,16 +144,16 @@ def test_all_packages_carry_one_version_and_a_license() -> None:
 
 def test_colcon_test_runs_the_tests_of_the_packages(tmp_path: Path) -> None:
     # By this entry colcon selects pytest; otherwise it looks for unittest's tests.
-    shared = (WORKSPACE / "src/omni_platform/ament_package.py").read_text()
+    shared = (WORKSPACE / "src/omni_core/ament_package.py").read_text()
     assert 'extras_require={"test": ["pytest"]}' in shared
     places = ["--base-paths", "src", "--build-base", str(tmp_path / "build")]
     places += ["--install-base", str(tmp_path / "install")]
     colcon = [str(Path(sys.executable).parent / "colcon"), "--log-base", str(tmp_path / "log")]
-    one = ["--packages-select", "omni_platform"]
+    one = ["--packages-select", "omni_core"]
     few = ["--pytest-args", "-k", "kinematics", "-p", "no:cacheprovider"]
     for command in (["build", *places, *one], ["test", *places, *one, *few]):
         subprocess.run([*colcon, *command], cwd=WORKSPACE, check=True, capture_output=True)
-    results = ElementTree.parse(tmp_path / "build/omni_platform/pytest.xml").getroot()
+    results = ElementTree.parse(tmp_path / "build/omni_core/pytest.xml").getroot()
     suite = results if results.tag == "testsuite" else results[0]
     assert int(suite.get("tests", 0)) > 5
     assert suite.get("failures") == suite.get("errors") == "0"
@@ -162,8 +162,8 @@ def test_colcon_test_runs_the_tests_of_the_packages(tmp_path: Path) -> None:
 def test_every_installation_gets_the_series_of_numba_that_the_code_needs() -> None:
     needed = re.escape(NUMBA_SERIES)
     for file, pattern in (
-        ("src/omni_platform/setup.py", rf'"numba=={needed}\.\*"'),
-        ("src/omni_platform/package.xml", rf'version_gte="{needed}" version_lt=".*">python3-numba'),
+        ("src/omni_core/setup.py", rf'"numba=={needed}\.\*"'),
+        ("src/omni_core/package.xml", rf'version_gte="{needed}" version_lt=".*">python3-numba'),
         ("requirements/shared.in", rf"(?m)^numba=={needed}\.\* "),
         ("requirements/wheels.lock", rf"(?m)^numba=={needed}\.\d+ "),
         ("requirements/sourced-ros.lock", rf"(?m)^numba=={needed}\.\d+ "),

@@ -19,8 +19,8 @@ from omni_process import (
     wait_until,
 )
 
-from omni_loop.metrics import run_metrics
-from omni_loop.recorded_run import read_run
+from omni_runs.metrics import run_metrics
+from omni_runs.recorded_run import read_run
 
 REAL_TIME = ["--variant", "assisted", "--real-time", "--json"]
 REAL_TIME += ["--set", "sensors=three_coarse"]  # a busy machine matches these lines in time

@@ -24,15 +24,15 @@ from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import JointState
 
-from omni_bringup.commands import ros_params
-from omni_bringup.graph.domain import reserved_domain
-from omni_bringup.graph.hardware import ARGUMENTS, hardware_nodes, starts_again
-from omni_bringup.graph.process_group import find_executable
-from omni_bringup.workspace import Workspace
-from omni_platform.brakes import TYPICAL, BrakeConfiguration
-from omni_platform.configuration import ConfigurationError, from_mapping
+from omni_core.brakes import TYPICAL, BrakeConfiguration
+from omni_core.configuration import ConfigurationError, from_mapping
 from omni_ros.messages import joint_state, planar_twist_with_covariance
 from omni_ros.qos import RELIABLE
+from omni_runs.graph.domain import reserved_domain
+from omni_runs.graph.hardware import ARGUMENTS, hardware_nodes, starts_again
+from omni_runs.graph.process_group import find_executable
+from omni_runs.workspace import ExperimentWorkspace
+from omni_tools.ros_params import command as ros_params
 from omni_tools.vehicles.estimates import Measured, write_vehicle
 from omni_vehicle.brake_adapter import BrakeAdapterConfiguration
 
@@ -258,7 +258,7 @@ def test_the_result_of_the_study_is_looked_for_in_the_workspace(tmp_path: Path) 
     file = WORKSPACE / "config/hardware/mecanum_agv.yaml"
     options = ros_params.Options(configuration=str(file), out=tmp_path / "out", source="otos")
     with pytest.raises(ConfigurationError, match=f"{tmp_path}/results/feedback/summary.json"):
-        ros_params.run(options, Workspace(tmp_path))
+        ros_params.run(options, ExperimentWorkspace(tmp_path))
 
 
 def test_a_source_that_does_harm_is_named_by_ros_params_the_node_and_doctor(tmp_path: Path) -> None:
@@ -343,9 +343,9 @@ def test_the_parameters_of_the_brake_adapter_are_those_of_the_vehicle(
         if kind != brakes:  # spring-applied brakes and on-off valves differ in the dwell time
             words = "minimum_dwell_time" if brakes == "on_off" else "--brakes"
             with pytest.raises(ConfigurationError, match=words):
-                ros_params.run(options, Workspace(WORKSPACE))
+                ros_params.run(options, ExperimentWorkspace(WORKSPACE))
         else:
-            ros_params.run(options, Workspace(WORKSPACE))
+            ros_params.run(options, ExperimentWorkspace(WORKSPACE))
     written = yaml.safe_load((tmp_path / "out/brake_adapter.yaml").read_text())
     values = written["/**"]["ros__parameters"]
     values["wheels"] = tuple(values["wheels"])

@@ -34,10 +34,10 @@ from rosbags.typesys import Stores, get_typestore
 from sensor_msgs.msg import CameraInfo, Image
 from visualization_msgs.msg import MarkerArray
 
-from omni_bringup.graph.domain import reserved_domain
 from omni_recording.folder import bag_messages, open_bag
 from omni_ros.environment import PARENT_PID_VARIABLE, REPORT_VARIABLE, node_environment
 from omni_ros.qos import RELIABLE
+from omni_runs.graph.domain import reserved_domain
 
 TIMEOUT = 60.0  # [s] only ends a test that hangs
 STEP = 10_000_000  # [ns] of simulated time

@@ -21,8 +21,8 @@ from omni_process import (
 )
 from rosbags.highlevel import AnyReader
 
-from omni_loop.recorded_run import read_run
 from omni_recording.actions.compare import compare_topics
+from omni_runs.recorded_run import read_run
 
 SAMPLE = WORKSPACE / "bags/small_stop/assisted"
 NODES = ["--nodes", "linescan_odometry", "brake_assist"]

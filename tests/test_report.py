@@ -15,13 +15,13 @@ from chromium import Chromium, chromium
 from omni_process import WORKSPACE, omni_here
 
 from omni_bringup.cli import main
-from omni_loop.history import RunHistory
-from omni_loop.metrics import run_metrics
-from omni_platform.topics import MARKERS, WHEEL_FORCES
+from omni_core.topics import MARKERS, WHEEL_FORCES
 from omni_recording.definitions import find_message_definition
 from omni_recording.folder import bag_messages, open_bag
 from omni_recording.metadata import RecordedQos, RecordedTopic
 from omni_recording.write import Rosbag2Writer
+from omni_runs.history import RunHistory
+from omni_runs.metrics import run_metrics
 from omni_tools.report.document import report_page
 from omni_tools.report.recording import ReportedRun, read_reported_run, read_wheel_forces
 

@@ -12,13 +12,13 @@ from omni_process import WORKSPACE
 from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
 
-from omni_bringup.graph import nodes as graph
-from omni_bringup.graph.domain import reserved_domain
-from omni_bringup.graph.process_group import ProcessGroup
-from omni_loop.experiment import ExperimentLibrary
 from omni_recording.folder import bag_summary, open_bag
 from omni_ros.environment import node_environment
 from omni_ros.qos import RELIABLE
+from omni_runs.experiment import ExperimentLibrary
+from omni_runs.graph import nodes as graph
+from omni_runs.graph.domain import reserved_domain
+from omni_runs.graph.process_group import ProcessGroup
 
 DIAGNOSTICS = {"/diagnostics": "diagnostic_msgs/msg/DiagnosticArray"}
 SPEAKERS = ("brake_assist", "linescan_odometry")

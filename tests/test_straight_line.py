@@ -13,11 +13,11 @@ from made_histories import first_difference
 from rclpy.serialization import deserialize_message
 from rosbags.highlevel import AnyReader
 
-from omni_loop.experiment import ExperimentConfiguration, ExperimentLibrary
-from omni_loop.loop import run_closed_loop
-from omni_loop.recorded_run import read_run
-from omni_platform.configuration import from_mapping
+from omni_core.configuration import from_mapping
 from omni_ros.messages import diagnostics, to_nanoseconds
+from omni_runs.experiment import ExperimentConfiguration, ExperimentLibrary
+from omni_runs.loop import run_closed_loop
+from omni_runs.recorded_run import read_run
 
 if TYPE_CHECKING:
     from conftest import FinishedRun, RunExperiment

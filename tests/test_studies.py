@@ -12,9 +12,9 @@ import pytest
 import yaml
 from omni_process import omni, omni_here
 
-from omni_loop.compiled import run_fast_loop
-from omni_loop.experiment import ExperimentConfiguration, ExperimentLibrary
-from omni_loop.recorded_run import read_run
+from omni_runs.compiled import run_fast_loop
+from omni_runs.experiment import ExperimentConfiguration, ExperimentLibrary
+from omni_runs.recorded_run import read_run
 from omni_studies.identification import identification
 
 if TYPE_CHECKING:

@@ -14,12 +14,12 @@ from nav_msgs.msg import Odometry
 from omni_process import WORKSPACE
 from std_msgs.msg import Float64
 
-from omni_bringup.graph import nodes as graph
-from omni_bringup.graph.domain import reserved_domain
-from omni_bringup.graph.process_group import ProcessGroup
-from omni_loop.experiment import ExperimentLibrary
 from omni_ros.environment import node_environment
 from omni_ros.qos import RELIABLE
+from omni_runs.experiment import ExperimentLibrary
+from omni_runs.graph import nodes as graph
+from omni_runs.graph.domain import reserved_domain
+from omni_runs.graph.process_group import ProcessGroup
 
 
 class Onlooker(Bystander):

@@ -1,4 +1,4 @@
-"""The topics of `omni_platform.topics` have valid types, and their nodes publish them."""
+"""The topics of `omni_core.topics` have valid types, and their nodes publish them."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from omni_platform import topics
+from omni_core import topics
 from omni_ros.messages import message_class
 
 SOURCES = Path(__file__).parents[1] / "src"
@@ -23,7 +23,7 @@ NODES = {
     "simulator": "omni_sim/omni_sim/simulator_node.py",
     "linescan_odometry": "linescan_odometry/linescan_odometry/odometry_node.py",
     "brake_assist": "omni_brake_assist/omni_brake_assist/brake_assist_node.py",
-    "driver": "omni_bringup/omni_bringup/drive/driver_node.py",
+    "driver": "omni_tools/omni_tools/drive/driver_node.py",
 }
 
 

@@ -13,7 +13,7 @@ from omni_process import WORKSPACE, omni
 from PIL import Image
 
 from omni_bringup.cli import main
-from omni_loop.experiment import ExperimentLibrary
+from omni_runs.experiment import ExperimentLibrary
 
 TUTORIALS = sorted((WORKSPACE / "docs/tutorials").glob("*.md"))
 

@@ -12,8 +12,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import TwistStamped, TwistWithCovarianceStamped
 from nav_msgs.msg import Odometry
 
-from omni_bringup.graph.domain import reserved_domain
-from omni_platform.signals import UNMEASURED_VARIANCE
+from omni_core.signals import UNMEASURED_VARIANCE
 from omni_ros.messages import (
     planar_odometry,
     planar_twist,
@@ -21,6 +20,7 @@ from omni_ros.messages import (
     twist_of,
 )
 from omni_ros.qos import BEST_EFFORT, RELIABLE
+from omni_runs.graph.domain import reserved_domain
 
 TWIST = np.array([1.2, -0.3, 0.5])
 

@@ -14,13 +14,13 @@ from omni_process import WORKSPACE
 from rosgraph_msgs.msg import Clock
 from std_msgs.msg import String
 
-from omni_bringup.graph import nodes as graph
-from omni_bringup.graph.domain import reserved_domain
-from omni_bringup.graph.process_group import ProcessGroup
-from omni_loop.experiment import ExperimentLibrary
 from omni_ros.environment import node_environment
 from omni_ros.messages import to_nanoseconds
 from omni_ros.qos import LATCHED, RELIABLE
+from omni_runs.experiment import ExperimentLibrary
+from omni_runs.graph import nodes as graph
+from omni_runs.graph.domain import reserved_domain
+from omni_runs.graph.process_group import ProcessGroup
 
 ROBOTS = ("robot1", "robot2")
 SHARED = {"/clock", "/diagnostics", "/parameter_events", "/rosout"}

@@ -11,8 +11,8 @@ import yaml
 from omni_process import WORKSPACE
 from rosbags.typesys import Stores, get_typestore
 
-from omni_bringup.graph.nodes import recorded_topics
-from omni_loop.experiment import ExperimentLibrary
+from omni_runs.experiment import ExperimentLibrary
+from omni_runs.graph.nodes import recorded_topics
 
 VIEWERS = WORKSPACE / "config/viewers"
 _STEP = re.compile(r"(\w+)(\[\d+\])?")

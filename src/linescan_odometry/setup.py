@@ -2,13 +2,10 @@
 
 import sys
 
-sys.path.insert(0, "../omni_platform")
+sys.path.insert(0, "../omni_core")
 from ament_package import install
 
 install(
-    requires=["numpy", "omni_platform", "rocket-fft"],
-    nodes={
-        "odometry": "linescan_odometry.odometry_node",
-        "camera": "linescan_odometry.camera.camera_node",
-    },
+    requires=["numpy", "omni_core", "rocket-fft"],
+    nodes={"odometry": "linescan_odometry.odometry_node"},
 )

@@ -2,10 +2,10 @@
 
 import sys
 
-sys.path.insert(0, "../omni_platform")
+sys.path.insert(0, "../omni_core")
 from ament_package import install
 
 install(
-    requires=["numpy", "omni_platform"],
+    requires=["numpy", "omni_core"],
     nodes={"brake_assist": "omni_brake_assist.brake_assist_node"},
 )

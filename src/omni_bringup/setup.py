@@ -2,15 +2,12 @@
 
 import sys
 
-sys.path.insert(0, "../omni_platform")
+sys.path.insert(0, "../omni_core")
 from ament_package import install
 
 install(
-    nodes={
-        "driver": "omni_bringup.drive.driver_node",
-        "player": "omni_bringup.replay.player_node",
-    },
+    commands={name: f"omni_bringup.commands.{name}" for name in ("completion", "doctor", "list")},
     programs=["omni = omni_bringup.cli:main"],
-    data=["drive/page/*", "commands/completion.bash"],
+    data=["commands/completion.bash"],
     shared=[("launch", ["launch/hardware.launch.py"])],
 )

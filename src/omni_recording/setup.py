@@ -2,7 +2,10 @@
 
 import sys
 
-sys.path.insert(0, "../omni_platform")
+sys.path.insert(0, "../omni_core")
 from ament_package import install
 
-install(nodes={"recorder": "omni_recording.recorder_node"})
+install(
+    nodes={"recorder": "omni_recording.recorder_node"},
+    commands={"bag": "omni_recording.commands"},
+)

@@ -2,7 +2,7 @@
 
 import sys
 
-sys.path.insert(0, "../omni_platform")
+sys.path.insert(0, "../omni_core")
 from ament_package import install
 
 install(data=["*.xml"])

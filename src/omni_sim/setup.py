@@ -2,10 +2,10 @@
 
 import sys
 
-sys.path.insert(0, "../omni_platform")
+sys.path.insert(0, "../omni_core")
 from ament_package import install
 
 install(
-    requires=["numba", "numpy", "omni_platform", "pillow"],
+    requires=["numba", "numpy", "omni_core", "pillow"],
     nodes={"simulator": "omni_sim.simulator_node"},
 )

@@ -2,7 +2,7 @@
 
 import sys
 
-sys.path.insert(0, "../omni_platform")
+sys.path.insert(0, "../omni_core")
 from ament_package import install
 
-install(data=["claims.yaml", "limits.yaml"])
+install(commands={"study": "omni_studies.command"}, data=["claims.yaml", "limits.yaml"])

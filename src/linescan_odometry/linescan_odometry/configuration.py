@@ -6,15 +6,15 @@ from collections.abc import Mapping
 from linescan_odometry.matching.search import METRICS
 from linescan_odometry.matching.subpixel import FEWEST_PIXELS
 from linescan_odometry.twist.least_squares import KinematicsConfiguration, check_placement
-from omni_platform.configuration import (
+from omni_core.configuration import (
     Configuration,
     ConfigurationError,
     check_choice,
     parameter,
     section,
 )
-from omni_platform.quantities import LARGEST_OFFSET
-from omni_platform.sensors import FlowSensor, LineSensor, Mount
+from omni_core.quantities import LARGEST_OFFSET
+from omni_core.sensors import FlowSensor, LineSensor, Mount
 
 METHODS = ("joint", "pairs")
 """Names of the methods that estimate displacements."""

@@ -8,8 +8,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from omni_platform.quantities import Float32Array, FloatArray
-from omni_platform.signals import Lines
+from omni_core.quantities import Float32Array, FloatArray
+from omni_core.signals import Lines
 
 UNMEASURED_VARIANCE = 1e6
 """Variance that marks a velocity as unmeasured, (1 km/s)^2 [m^2/s^2]."""

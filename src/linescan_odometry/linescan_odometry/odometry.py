@@ -20,9 +20,9 @@ from linescan_odometry.sensor import SensorOdometry
 from linescan_odometry.twist.flow import FlowMonitor
 from linescan_odometry.twist.least_squares import TwistSolver
 from linescan_odometry.unsuitable_views import UnsuitableViews
-from omni_platform.configuration import ConfigurationError
-from omni_platform.quantities import FloatArray
-from omni_platform.signals import Flow, LineBatch, LineBatchError
+from omni_core.configuration import ConfigurationError
+from omni_core.quantities import FloatArray
+from omni_core.signals import Flow, LineBatch, LineBatchError
 
 __all__ = ["LineBatch", "LineScanOdometry", "OdometryConfiguration", "TwistEstimate"]
 

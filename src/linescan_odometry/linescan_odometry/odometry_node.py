@@ -20,10 +20,10 @@ from linescan_odometry.odometry import OdometryConfiguration, TwistEstimate
 from linescan_odometry.port import OdometryPort
 from linescan_odometry.sideslip import SideslipEstimate, angles
 from linescan_odometry.twist.pose import PoseIntegrator
-from omni_platform import topics
-from omni_platform.configuration import Configuration, parameter
-from omni_platform.sensors import LineSensor, Mount
-from omni_platform.signals import Flow, LineBatch
+from omni_core import topics
+from omni_core.configuration import Configuration, parameter
+from omni_core.sensors import LineSensor, Mount
+from omni_core.signals import Flow, LineBatch
 from omni_ros import line_images, messages
 from omni_ros.frames import MISSING, FrameConfiguration, TransformPublisher, prefix_frames
 from omni_ros.parameters import declare_configuration

@@ -21,10 +21,10 @@ from linescan_odometry.matching.search import PairDisplacements, PairMatcher, ma
 from linescan_odometry.matching.subpixel import SubpixelRefiner
 from linescan_odometry.measurements import Displacement, Unmeasured
 from linescan_odometry.plausibility import Plausibility
-from omni_platform.kernels import kernel
-from omni_platform.quantities import BoolArray, FloatArray
-from omni_platform.sensors import LineSensor
-from omni_platform.signals import Lines
+from omni_core.kernels import kernel
+from omni_core.quantities import BoolArray, FloatArray
+from omni_core.sensors import LineSensor
+from omni_core.signals import Lines
 
 
 class PairsMethod:

@@ -9,9 +9,9 @@ the sensor for a limited time only.
 import numpy as np
 
 from linescan_odometry.matching.search import PairDisplacements
-from omni_platform.kernels import kernel
-from omni_platform.quantities import BoolArray, FloatArray
-from omni_platform.sensors import LineSensor
+from omni_core.kernels import kernel
+from omni_core.quantities import BoolArray, FloatArray
+from omni_core.sensors import LineSensor
 
 
 class Plausibility:

@@ -10,8 +10,8 @@ from linescan_odometry.configuration import OdometryConfiguration
 from linescan_odometry.measurements import TwistEstimate
 from linescan_odometry.odometry import LineScanOdometry
 from linescan_odometry.sideslip import SideslipEstimate, WheelSideslip
-from omni_platform.plugins import load_class, make_part
-from omni_platform.signals import Flow, LineBatch, TwistSample
+from omni_core.plugins import load_class, make_part
+from omni_core.signals import Flow, LineBatch, TwistSample
 
 ODOMETRY_GROUP = "linescan_odometry.odometries"
 """Group of entry points in which an installed package registers odometry classes by name."""

@@ -12,8 +12,8 @@ from pathlib import Path
 import numpy as np
 
 from linescan_odometry.joint.spectra import FixedPattern
-from omni_platform.quantities import BoolArray, FloatArray
-from omni_platform.signals import LineBatchError, Lines
+from omni_core.quantities import BoolArray, FloatArray
+from omni_core.signals import LineBatchError, Lines
 
 _STRONGEST = 4.0  # limit on the gain; a pixel that needs a larger one counts as dead
 

@@ -20,9 +20,9 @@ from linescan_odometry.pair_method import PairsMethod
 from linescan_odometry.plausibility import Plausibility
 from linescan_odometry.references import References
 from linescan_odometry.unsuitable_views import Keyframe
-from omni_platform.background import in_background
-from omni_platform.sensors import LineSensor
-from omni_platform.signals import LineBatch, Lines
+from omni_core.background import in_background
+from omni_core.sensors import LineSensor
+from omni_core.signals import LineBatch, Lines
 
 _FROZEN_PAIRS = 3  # number of identical line pairs that never occurs with the noise of a camera
 _LONGEST_STRETCH = 0.25  # limit on `LineChain.stretch`, above which a batch yields no measurement

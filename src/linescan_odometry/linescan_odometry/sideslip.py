@@ -38,10 +38,10 @@ import numpy as np
 from linescan_odometry.configuration import OdometryConfiguration, SideslipWheel
 from linescan_odometry.measurements import SensorReading, TwistEstimate
 from linescan_odometry.sensor import SensorOdometry
-from omni_platform.configuration import ConfigurationError, check_choice
-from omni_platform.quantities import FloatArray
-from omni_platform.sensors import LineSensor, velocity_row
-from omni_platform.signals import LineBatch
+from omni_core.configuration import ConfigurationError, check_choice
+from omni_core.quantities import FloatArray
+from omni_core.sensors import LineSensor, velocity_row
+from omni_core.signals import LineBatch
 
 
 @dataclasses.dataclass(frozen=True)

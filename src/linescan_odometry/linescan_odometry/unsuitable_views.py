@@ -20,10 +20,10 @@ from collections.abc import Mapping
 import numpy as np
 
 from linescan_odometry.measurements import SensorReading
-from omni_platform.kernels import declares, kernel
-from omni_platform.quantities import Float32Array, FloatArray
-from omni_platform.sensors import LineSensor, velocity_row
-from omni_platform.signals import Lines
+from omni_core.kernels import declares, kernel
+from omni_core.quantities import Float32Array, FloatArray
+from omni_core.sensors import LineSensor, velocity_row
+from omni_core.signals import Lines
 
 _STILL_SHARE = 0.25  # share of the width; after this motion across the axis a view must change
 _STILL_PIXELS = 2.0  # px; after this motion along the axis a view must change

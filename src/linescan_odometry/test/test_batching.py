@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from linescan_odometry.port import BatchCollector
-from omni_platform.signals import LineBatch
+from omni_core.signals import LineBatch
 
 SENSORS = ("left", "right", "front")
 PERIOD_NS = 10_000_000

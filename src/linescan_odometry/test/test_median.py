@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from linescan_odometry.pair_method import average, mark_inliers
-from omni_platform.quantities import FloatArray
+from omni_core.quantities import FloatArray
 
 
 def inliers(

@@ -16,9 +16,9 @@ from linescan_odometry.configuration import METHODS, OdometryConfiguration
 from linescan_odometry.measurements import UNMEASURED_VARIANCE
 from linescan_odometry.odometry import LineScanOdometry, TwistEstimate
 from linescan_odometry.sensor import SensorOdometry
-from omni_platform.configuration import ConfigurationError
-from omni_platform.sensors import LineSensor, sensor_matrix
-from omni_platform.signals import LineBatch, LineBatchError
+from omni_core.configuration import ConfigurationError
+from omni_core.sensors import LineSensor, sensor_matrix
+from omni_core.signals import LineBatch, LineBatchError
 
 Expose = Callable[..., Any]
 

@@ -11,8 +11,8 @@ import pytest
 from linescan_odometry.configuration import OdometryConfiguration
 from linescan_odometry.plausibility import Plausibility
 from linescan_odometry.sensor import SensorOdometry
-from omni_platform.sensors import LineSensor
-from omni_platform.signals import LineBatch
+from omni_core.sensors import LineSensor
+from omni_core.signals import LineBatch
 
 SENSOR = LineSensor(x=0.0, y=0.0, heading_deg=0.0, pixels=1000, length=0.05, line_rate=2500.0)
 PERIOD_NS = 400_000

@@ -13,8 +13,8 @@ from linescan_odometry.configuration import OdometryConfiguration
 from linescan_odometry.joint.spectra import FixedPattern
 from linescan_odometry.references import References
 from linescan_odometry.sensor import SensorOdometry
-from omni_platform.sensors import LineSensor
-from omni_platform.signals import LineBatch, LineBatchError
+from omni_core.sensors import LineSensor
+from omni_core.signals import LineBatch, LineBatchError
 
 Expose = Callable[..., Any]
 

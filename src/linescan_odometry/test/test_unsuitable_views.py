@@ -12,7 +12,7 @@ from scipy.ndimage import gaussian_filter1d, uniform_filter1d
 
 from linescan_odometry.measurements import SensorReading
 from linescan_odometry.unsuitable_views import Keyframe, UnsuitableViews
-from omni_platform.sensors import LineSensor
+from omni_core.sensors import LineSensor
 
 PIXELS, BATCH, RATE = 256, 25, 2500.0
 CAMERA = LineSensor(x=0.0, y=0.0, heading_deg=0.0, pixels=PIXELS)

@@ -18,9 +18,9 @@ import sys
 import numpy as np
 from linescan_odometry.configuration import OdometryConfiguration
 from linescan_odometry.odometry import LineScanOdometry
-from omni_platform.compilation.cache import KernelCache
-from omni_platform.sensors import LineSensor
-from omni_platform.signals import LineBatch
+from omni_core.compilation.cache import KernelCache
+from omni_core.sensors import LineSensor
+from omni_core.signals import LineBatch
 
 kept, found = KernelCache.load_overload, []
 def load(cache, *arguments):

@@ -11,9 +11,9 @@ from omni_brake_assist.filter_bank import state as bank_state
 from omni_brake_assist.laws import allocation, allocation_state, built_in
 from omni_brake_assist.laws.law import Motion
 from omni_brake_assist.monitors import brake_monitor, effect_monitor
-from omni_platform.geometry import PlatformGeometry
-from omni_platform.quantities import SECOND_NS, FloatArray
-from omni_platform.signals import ImuSample, TwistSample, WheelSample
+from omni_core.geometry import PlatformGeometry
+from omni_core.quantities import SECOND_NS, FloatArray
+from omni_core.signals import ImuSample, TwistSample, WheelSample
 
 _STEP = np.dtype(
     [

@@ -1,7 +1,7 @@
 """One step of the brake assistant as a compiled kernel: fail-safe, line of motion, law, valves.
 
 `BrakeAssist` calls the kernel with the values of received messages. The compiled simulation
-(`omni_loop.compiled`) calls it with simulated sensor readings. Node and simulation therefore use
+(`omni_runs.compiled`) calls it with simulated sensor readings. Node and simulation therefore use
 the same fail-safe reactions and give bit-identical results. A user's own law is called between the
 two halves of a step, `receive` and `act`.
 
@@ -25,9 +25,9 @@ from omni_brake_assist.filter_bank import state as bank_state
 from omni_brake_assist.filter_bank.bank import estimate
 from omni_brake_assist.laws import built_in, law
 from omni_brake_assist.monitors import brake_monitor, effect_monitor
-from omni_platform.kernels import inlined, kernel, lean, lean_inline, linked
-from omni_platform.quantities import FloatArray
-from omni_platform.signals import MISSING, UNMEASURED_VARIANCE, VALID, TwistSample
+from omni_core.kernels import inlined, kernel, lean, lean_inline, linked
+from omni_core.quantities import FloatArray
+from omni_core.signals import MISSING, UNMEASURED_VARIANCE, VALID, TwistSample
 
 
 @linked

@@ -35,9 +35,9 @@ from omni_brake_assist.conditions import CONDITIONS, GOOD, UNREADABLE, AssistSta
 from omni_brake_assist.configuration import BrakeAssistConfiguration
 from omni_brake_assist.laws.law import NO_HELP, call_law, own_law
 from omni_brake_assist.sources import Source, sources
-from omni_platform.kinematics import PlatformKinematics
-from omni_platform.quantities import FloatArray
-from omni_platform.signals import INVALID, MISSING, VALID, ImuSample, TwistSample, WheelSample
+from omni_core.kinematics import PlatformKinematics
+from omni_core.quantities import FloatArray
+from omni_core.signals import INVALID, MISSING, VALID, ImuSample, TwistSample, WheelSample
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

@@ -22,8 +22,8 @@ from omni_brake_assist.conditions import WARNING, AssistState, Decision, Fault
 from omni_brake_assist.configuration import BrakeAssistConfiguration
 from omni_brake_assist.imu_integration import ImuIntegrator
 from omni_brake_assist.sources import ReceivedRate, RejectionTimers, Source, summary
-from omni_platform import signals, topics
-from omni_platform.configuration import Configuration, ConfigurationError, parameter
+from omni_core import signals, topics
+from omni_core.configuration import Configuration, ConfigurationError, parameter
 from omni_ros import messages
 from omni_ros.clocks import RunningClock
 from omni_ros.frames import FrameConfiguration, frame_problem

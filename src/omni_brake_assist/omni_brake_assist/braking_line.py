@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from omni_platform.kernels import lean
+from omni_core.kernels import lean
 
 Record = Any
 """Reference to the record in the array that `new_line` returns."""

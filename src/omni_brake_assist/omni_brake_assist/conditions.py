@@ -12,7 +12,7 @@ import enum
 import re
 from typing import NamedTuple
 
-from omni_platform.quantities import FloatArray
+from omni_core.quantities import FloatArray
 
 
 class AssistState(enum.Enum):

@@ -4,11 +4,11 @@ import math
 from collections.abc import Mapping
 
 from omni_brake_assist.weighting import WEIGHTINGS, check_tuning_constant
-from omni_platform.brakes import ON_OFF, BrakeConfiguration
-from omni_platform.configuration import Configuration, ConfigurationError, parameter, section
-from omni_platform.geometry import WheelMount
-from omni_platform.kinematics import PlatformKinematics
-from omni_platform.plugins import check_name
+from omni_core.brakes import ON_OFF, BrakeConfiguration
+from omni_core.configuration import Configuration, ConfigurationError, parameter, section
+from omni_core.geometry import WheelMount
+from omni_core.kinematics import PlatformKinematics
+from omni_core.plugins import check_name
 
 LAWS = ("sliding_mode", "allocation")
 """Built-in control laws."""

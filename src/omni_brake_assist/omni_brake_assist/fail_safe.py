@@ -19,9 +19,9 @@ from numpy.typing import NDArray
 
 from omni_brake_assist import conditions
 from omni_brake_assist.configuration import BrakeAssistConfiguration
-from omni_platform.kernels import lean
-from omni_platform.quantities import SECOND_NS, FloatArray
-from omni_platform.signals import MISSING, VALID, TwistSample
+from omni_core.kernels import lean
+from omni_core.quantities import SECOND_NS, FloatArray
+from omni_core.signals import MISSING, VALID, TwistSample
 
 _RESOLUTION = 1e-6  # smaller changes are attributed to rounding [m/s], [rad/s]
 _LONG_NS = 2**62  # longer than any step, but fits into 64 bits

@@ -19,9 +19,9 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from omni_platform.kernels import lean
-from omni_platform.quantities import SECOND_NS, FloatArray
-from omni_platform.signals import ImuSample
+from omni_core.kernels import lean
+from omni_core.quantities import SECOND_NS, FloatArray
+from omni_core.signals import ImuSample
 
 _STATE = np.dtype(
     [

@@ -20,8 +20,8 @@ from omni_brake_assist.conditions import CONDITIONS, WARNING, Decision
 from omni_brake_assist.filter_bank import state as bank
 from omni_brake_assist.filter_bank.filters import GATE
 from omni_brake_assist.filter_bank.state import FAULTY, NO_IMU
-from omni_platform.kinematics import PlatformKinematics
-from omni_platform.quantities import FloatArray
+from omni_core.kinematics import PlatformKinematics
+from omni_core.quantities import FloatArray
 
 FUSED, REJECTED, ISOLATED, MISSING, BRAKED = "fused", "rejected", "isolated", "missing", "braked"
 LOST = "lost"  # missing, although readings are expected: see `sources`

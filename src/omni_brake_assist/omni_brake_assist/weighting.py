@@ -11,8 +11,8 @@ import math
 
 import numpy as np
 
-from omni_platform.kernels import lean
-from omni_platform.quantities import FloatArray
+from omni_core.kernels import lean
+from omni_core.quantities import FloatArray
 
 WEIGHTINGS = ("zero", "cosine", "enhanced")
 ZERO, COSINE, ENHANCED = range(3)  # numbers of the weightings

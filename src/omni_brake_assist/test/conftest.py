@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from omni_platform.geometry import WheelMount
+from omni_core.geometry import WheelMount
 
 
 @pytest.fixture(scope="session")

@@ -17,11 +17,11 @@ from omni_brake_assist.brake_assist import BrakeAssist, BrakeDemand
 from omni_brake_assist.conditions import AssistState, Decision
 from omni_brake_assist.configuration import MOST_VALVES, BrakeAssistConfiguration
 from omni_brake_assist.laws.built_in import law_constants
-from omni_platform.brakes import ON_OFF, PROPORTIONAL, BrakeConfiguration
-from omni_platform.configuration import ConfigurationError
-from omni_platform.geometry import PlatformGeometry, cross
-from omni_platform.kinematics import UnusablePlatformError
-from omni_platform.signals import TwistSample
+from omni_core.brakes import ON_OFF, PROPORTIONAL, BrakeConfiguration
+from omni_core.configuration import ConfigurationError
+from omni_core.geometry import PlatformGeometry, cross
+from omni_core.kinematics import UnusablePlatformError
+from omni_core.signals import TwistSample
 
 
 class Drive:
@@ -47,9 +47,9 @@ def test_the_first_braking_step_imports_nothing(mecanum: Wheels, law: str, kind:
 import sys
 import numpy as np
 from omni_brake_assist.brake_assist import BrakeAssist, BrakeAssistConfiguration, BrakeDemand
-from omni_platform.brakes import BrakeConfiguration
-from omni_platform.geometry import WheelMount
-from omni_platform.signals import ImuSample, TwistSample, WheelSample
+from omni_core.brakes import BrakeConfiguration
+from omni_core.geometry import WheelMount
+from omni_core.signals import ImuSample, TwistSample, WheelSample
 
 brake = BrakeConfiguration(kind={kind!r})
 assist = BrakeAssist(BrakeAssistConfiguration(wheels={mecanum!r}, law={law!r}, brake=brake))

@@ -19,9 +19,9 @@ import pytest
 from omni_brake_assist.brake_assist import BrakeAssist, BrakeDemand
 from omni_brake_assist.conditions import AssistState
 from omni_brake_assist.configuration import BrakeAssistConfiguration
-from omni_platform.geometry import PlatformGeometry, WheelMount, cross
-from omni_platform.quantities import FloatArray
-from omni_platform.signals import TwistSample
+from omni_core.geometry import PlatformGeometry, WheelMount, cross
+from omni_core.quantities import FloatArray
+from omni_core.signals import TwistSample
 
 Wheels = dict[str, WheelMount]
 PERIOD_NS = 10_000_000

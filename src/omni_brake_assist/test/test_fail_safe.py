@@ -26,8 +26,8 @@ from reference_equations import force_directions
 from omni_brake_assist.brake_assist import BrakeAssist, BrakeDemand
 from omni_brake_assist.conditions import AssistState, Fault
 from omni_brake_assist.configuration import BrakeAssistConfiguration
-from omni_platform.geometry import cross
-from omni_platform.signals import TwistSample
+from omni_core.geometry import cross
+from omni_core.signals import TwistSample
 
 MS = 1_000_000
 NAN, INF = math.nan, math.inf

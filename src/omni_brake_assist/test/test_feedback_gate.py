@@ -22,7 +22,7 @@ from made_demands import (
 from omni_brake_assist.brake_assist import BrakeAssist, BrakeDemand
 from omni_brake_assist.conditions import AssistState
 from omni_brake_assist.configuration import BrakeAssistConfiguration
-from omni_platform.signals import TwistSample
+from omni_core.signals import TwistSample
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,7 @@ import pytest
 
 from omni_brake_assist.brake_assist_node import StepTimer
 from omni_brake_assist.imu_integration import ImuIntegrator
-from omni_platform.signals import ImuSample
+from omni_core.signals import ImuSample
 
 MS = 1_000_000
 STEP_NS = 10 * MS

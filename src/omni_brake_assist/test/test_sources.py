@@ -21,10 +21,10 @@ from omni_brake_assist.sources import (
     Source,
     summary,
 )
-from omni_platform.geometry import WheelMount
-from omni_platform.kinematics import PlatformKinematics
-from omni_platform.quantities import FloatArray
-from omni_platform.signals import ImuSample, TwistSample, WheelSample
+from omni_core.geometry import WheelMount
+from omni_core.kinematics import PlatformKinematics
+from omni_core.quantities import FloatArray
+from omni_core.signals import ImuSample, TwistSample, WheelSample
 
 STEP_NS = 10_000_000
 ONES = np.ones(4)

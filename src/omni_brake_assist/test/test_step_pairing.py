@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from omni_brake_assist.brake_assist_node import StepPairing
-from omni_platform.signals import PedalSample, TwistSample
+from omni_core.signals import PedalSample, TwistSample
 
 MS = 1_000_000
 

@@ -20,8 +20,8 @@ from launch.actions import (
 from launch.event_handlers import OnProcessExit
 from launch_ros.actions import Node
 
-from omni_bringup.graph.hardware import ARGUMENTS, HardwareNode, hardware_nodes, starts_again
-from omni_platform.configuration import check_choice
+from omni_core.configuration import check_choice
+from omni_runs.graph.hardware import ARGUMENTS, HardwareNode, hardware_nodes, starts_again
 
 RESPAWN_DELAY = 1.0  # [s]
 

@@ -18,13 +18,14 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext, redirect_stdout
 from typing import Any, NoReturn
 
-from omni_bringup import command_report, commands
-from omni_bringup.interruption import leave_at_once_on_signals
-from omni_bringup.workspace import Workspace, at_work, workspace_folder
-from omni_platform import command_options, configuration
-from omni_platform.exit_codes import ExitCode
+from omni_core import commands, configuration
+from omni_core.commands import command_options, command_report
+from omni_core.commands.exit_codes import ExitCode
+from omni_core.commands.interruption import leave_at_once_on_signals
+from omni_core.commands.workspace import at_work, workspace_folder
 from omni_ros.environment import name_log_folder
 from omni_ros.start import start_lightly
+from omni_runs.workspace import ExperimentWorkspace
 
 _DESCRIPTION = "Simulate, measure and tune the braking of omnidirectional vehicles."
 _OF_THE_LAUNCHER = {"test": "run the tests (arguments go to pytest)"}
@@ -83,7 +84,7 @@ def _run(words: Sequence[str]) -> int:
     work = at_work(program, command.WORK) if hasattr(command, "WORK") else nullcontext()
     try:
         with work, _output_to_standard_error() if as_json else nullcontext():
-            report = command.run(options, Workspace(workspace_folder(), program))
+            report = command.run(options, ExperimentWorkspace(workspace_folder(), program))
             report = dataclasses.replace(report, name=report.name or _name(program))
         return _publish(report, program, as_json=as_json)
     except BrokenPipeError:

@@ -2,7 +2,7 @@
 
 The launcher starts this program after a build, at the same time as the first command. The program
 compiles the kernels of ``omni run``. Processes share the compiled kernels
-(`omni_platform.compilation.cache`). With ``--all`` the program also compiles the kernels for
+(`omni_core.compilation.cache`). With ``--all`` the program also compiles the kernels for
 campaigns, 16-bit lines and external control laws, which otherwise are compiled at their first use.
 """
 
@@ -13,9 +13,9 @@ import numpy as np
 
 from linescan_odometry.odometry import LineScanOdometry
 from omni_brake_assist.brake_assist import BrakeAssist
-from omni_bringup.workspace import workspace_folder
-from omni_loop import compiled, experiment, loop
+from omni_core.commands.workspace import workspace_folder
 from omni_ros.start import start_lightly
+from omni_runs import compiled, experiment, loop
 from omni_sim.simulator import Simulator
 
 _EXPERIMENT = "straight_line"

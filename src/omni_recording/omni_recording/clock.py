@@ -7,7 +7,7 @@ delays, a pause of the recording, and a simulated time that runs at any rate are
 
 import dataclasses
 
-from omni_platform.quantities import SECOND_NS
+from omni_core.quantities import SECOND_NS
 
 _STEP_NS = SECOND_NS // 8
 """Smallest step of a clock [ns]: NTP corrects smaller errors by the rate of the clock (STEPT of RFC

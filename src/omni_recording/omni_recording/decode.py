@@ -9,7 +9,7 @@ import functools
 from collections.abc import Collection, Iterator
 from typing import Any
 
-from omni_platform.quantities import SECOND_NS
+from omni_core.quantities import SECOND_NS
 from omni_recording.error import BagError
 from omni_recording.folder import Bag, bag_messages, in_time_order
 from omni_recording.limits import LIMITS

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from omni_platform.configuration import InputError
+from omni_core.configuration import InputError
 
 
 class BagError(InputError):

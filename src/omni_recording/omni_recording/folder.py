@@ -14,7 +14,7 @@ from typing import Any
 
 import yaml
 
-from omni_platform.quantities import SECOND_NS
+from omni_core.quantities import SECOND_NS
 from omni_recording import mcap, metadata
 from omni_recording.error import BagError, McapError
 from omni_recording.limits import LIMITS

@@ -22,7 +22,7 @@ from mcap.data_stream import ReadDataStream
 from mcap.exceptions import EndOfFile
 from mcap.opcode import Opcode
 
-from omni_platform.quantities import SECOND_NS
+from omni_core.quantities import SECOND_NS
 from omni_recording.chunks import unpacked
 from omni_recording.error import McapError
 from omni_recording.limits import LIMITS

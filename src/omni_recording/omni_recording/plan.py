@@ -3,8 +3,8 @@
 import heapq
 from collections.abc import Mapping
 
-from omni_platform.configuration import Configuration, ConfigurationError, check_choice, parameter
-from omni_platform.quantities import LARGEST_OFFSET, SECOND_NS
+from omni_core.configuration import Configuration, ConfigurationError, check_choice, parameter
+from omni_core.quantities import LARGEST_OFFSET, SECOND_NS
 from omni_recording.definitions import MessageDefinition
 from omni_recording.write import COMPRESSIONS, Rosbag2Writer
 from omni_ros.messages import leading_stamp

@@ -14,7 +14,7 @@ from pathlib import Path
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
-from omni_platform.configuration import ConfigurationError
+from omni_core.configuration import ConfigurationError
 from omni_recording import definitions, plan, write
 from omni_recording.metadata import RecordedQos, RecordedTopic
 from omni_recording.transforms import ODOMETRY_TYPE, RecordedTransforms

@@ -9,7 +9,7 @@ as an image, is not converted.
 from collections.abc import Iterator, Sequence
 from typing import Any
 
-from omni_platform.quantities import SECOND_NS
+from omni_core.quantities import SECOND_NS
 from omni_recording.decode import MessageDecoder
 from omni_recording.limits import LIMITS
 

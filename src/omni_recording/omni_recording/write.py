@@ -19,7 +19,7 @@ from typing import Any
 
 from mcap.writer import CompressionType, IndexType, Writer
 
-from omni_platform.configuration import WorkError
+from omni_core.configuration import WorkError
 from omni_recording import metadata
 from omni_recording.safe_yaml import in_yaml
 

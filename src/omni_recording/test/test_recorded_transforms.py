@@ -11,7 +11,7 @@ import pytest
 from rosbags.rosbag2 import Reader
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from omni_platform.configuration import ConfigurationError
+from omni_core.configuration import ConfigurationError
 from omni_recording.definitions import find_message_definition
 from omni_recording.metadata import RecordedQos, RecordedTopic
 from omni_recording.plan import RecorderConfiguration, StampedRecording

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rosbags.highlevel import AnyReader
 
-from omni_platform.configuration import ConfigurationError
+from omni_core.configuration import ConfigurationError
 from omni_recording.definitions import find_message_definition
 from omni_recording.metadata import RecordedQos, RecordedTopic
 from omni_recording.plan import RecorderConfiguration, StampedRecording

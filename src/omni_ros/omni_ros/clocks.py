@@ -6,7 +6,7 @@ from collections.abc import Callable
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 
-from omni_platform.topics import CLOCK
+from omni_core.topics import CLOCK
 from omni_ros.qos import advertise
 
 

@@ -11,8 +11,8 @@ from collections.abc import Mapping, MutableMapping
 from pathlib import Path
 from typing import Any
 
-from omni_platform.configuration import ConfigurationError
-from omni_platform.files import user_folder
+from omni_core.configuration import ConfigurationError
+from omni_core.files import user_folder
 
 # ID of the process whose end also ends the node; set by the process that starts a graph.
 PARENT_PID_VARIABLE = "OMNI_PARENT_PID"

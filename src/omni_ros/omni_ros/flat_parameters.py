@@ -10,7 +10,7 @@ import typing
 from collections.abc import Callable
 from typing import Any, TypeVar
 
-from omni_platform import configuration as declared
+from omni_core import configuration as declared
 
 NAMES = "names"
 

@@ -11,7 +11,7 @@ from nav_msgs.msg import Odometry
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
-from omni_platform.configuration import Configuration, ConfigurationError, parameter
+from omni_core.configuration import Configuration, ConfigurationError, parameter
 from omni_ros.messages import message_class
 from omni_ros.qos import LATCHED
 

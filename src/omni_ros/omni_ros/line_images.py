@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import CameraInfo, Image
 
-from omni_platform.sensors import LineSensor
-from omni_platform.signals import LineBatch
+from omni_core.sensors import LineSensor
+from omni_core.signals import LineBatch
 from omni_ros.messages import LITTLE_ENDIAN, Cdr, stamped, to_nanoseconds
 
 LineArray = NDArray[Any]  # uint8 or uint16

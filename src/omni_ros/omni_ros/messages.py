@@ -16,9 +16,9 @@ from nav_msgs.msg import Odometry
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Header
 
-from omni_platform import signals
-from omni_platform.configuration import ConfigurationError
-from omni_platform.quantities import SECOND_NS, FloatArray
+from omni_core import signals
+from omni_core.configuration import ConfigurationError
+from omni_core.quantities import SECOND_NS, FloatArray
 
 _Message = TypeVar("_Message")
 

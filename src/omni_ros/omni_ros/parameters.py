@@ -10,8 +10,8 @@ from rclpy import exceptions
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from omni_platform import configuration as declared
-from omni_platform.configuration import Configuration, ConfigurationError, ParameterInfo
+from omni_core import configuration as declared
+from omni_core.configuration import Configuration, ConfigurationError, ParameterInfo
 from omni_ros.flat_parameters import unflatten
 
 C = TypeVar("C", bound=Configuration)

@@ -26,8 +26,8 @@ from rclpy.publisher import Publisher
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 
-from omni_platform.configuration import Configuration, ConfigurationError, parameter
-from omni_platform.exit_codes import ExitCode
+from omni_core.commands.exit_codes import ExitCode
+from omni_core.configuration import Configuration, ConfigurationError, parameter
 from omni_ros import environment, parameters
 
 _POLL = 0.05  # s; longest time until a signal is noticed without a message

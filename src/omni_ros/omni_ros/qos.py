@@ -10,7 +10,7 @@ from rclpy.publisher import Publisher
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.subscription import Subscription
 
-from omni_platform.topics import Topic
+from omni_core.topics import Topic
 from omni_ros.messages import message_class
 from omni_ros.topic_types import watch_type
 

@@ -9,9 +9,9 @@ from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.node import Node
 
-from omni_platform.configuration import Configuration, parameter
-from omni_platform.quantities import SECOND_NS
-from omni_platform.topics import DIAGNOSTICS
+from omni_core.configuration import Configuration, parameter
+from omni_core.quantities import SECOND_NS
+from omni_core.topics import DIAGNOSTICS
 from omni_ros import messages, parameters, qos
 
 OK, WARN, ERROR = range(3)  # levels

@@ -14,7 +14,7 @@ from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.subscription import Subscription
 
-from omni_platform.topics import DIAGNOSTICS
+from omni_core.topics import DIAGNOSTICS
 from omni_ros import messages
 
 _PERIOD = 1.0  # time between two checks of the graph [s]

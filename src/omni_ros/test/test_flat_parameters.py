@@ -7,8 +7,8 @@ from typing import Any
 
 import pytest
 
-from omni_platform.configuration import Configuration, ConfigurationError, parameter, section
-from omni_platform.geometry import WheelMount
+from omni_core.configuration import Configuration, ConfigurationError, parameter, section
+from omni_core.geometry import WheelMount
 from omni_ros.flat_parameters import flatten, unflatten
 
 

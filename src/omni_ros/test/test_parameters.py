@@ -11,7 +11,7 @@ from rclpy.context import Context
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from omni_platform.configuration import Configuration, ConfigurationError, parameter
+from omni_core.configuration import Configuration, ConfigurationError, parameter
 from omni_ros.parameters import declare_configuration, refuse_unknown_parameters
 
 

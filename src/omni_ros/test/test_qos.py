@@ -7,7 +7,7 @@ import rclpy
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from omni_platform.topics import Topic
+from omni_core.topics import Topic
 from omni_ros.qos import advertise, subscribe
 
 TOPICS = [Topic(name, "std_msgs/msg/Float64", "test_qos") for name in ("overridden", "other")]

@@ -2,9 +2,9 @@
 
 from collections.abc import Mapping
 
-from omni_platform.configuration import Configuration, ConfigurationError, parameter, section
-from omni_platform.quantities import SECOND_NS
-from omni_platform.sensors import FlowSensor, LineSensor
+from omni_core.configuration import Configuration, ConfigurationError, parameter, section
+from omni_core.quantities import SECOND_NS
+from omni_core.sensors import FlowSensor, LineSensor
 from omni_sim.camera.camera import CameraConfiguration
 from omni_sim.camera.optics import check_exposure
 from omni_sim.driver.scripted import ManeuverConfiguration

@@ -12,11 +12,11 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from omni_platform.configuration import Configuration, ConfigurationError, parameter
-from omni_platform.geometry import turned
-from omni_platform.quantities import SECOND_NS, FloatArray
-from omni_platform.sensors import FlowSensor
-from omni_platform.signals import Flow
+from omni_core.configuration import Configuration, ConfigurationError, parameter
+from omni_core.geometry import turned
+from omni_core.quantities import SECOND_NS, FloatArray
+from omni_core.sensors import FlowSensor
+from omni_core.signals import Flow
 
 
 class FlowConfiguration(Configuration):

@@ -18,9 +18,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from omni_platform.configuration import Configuration, parameter
-from omni_platform.kernels import kernel, lean
-from omni_platform.quantities import SECOND_NS, FloatArray, IntArray
+from omni_core.configuration import Configuration, parameter
+from omni_core.kernels import kernel, lean
+from omni_core.quantities import SECOND_NS, FloatArray, IntArray
 from omni_sim.vehicle.loads import GRAVITY
 
 IMU_DRAWS = 3

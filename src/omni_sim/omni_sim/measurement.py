@@ -6,8 +6,8 @@ program draws the rows one by one or all at once.
 
 from typing import NamedTuple
 
-from omni_platform.kernels import lean
-from omni_platform.quantities import SECOND_NS, FloatArray, IntArray
+from omni_core.kernels import lean
+from omni_core.quantities import SECOND_NS, FloatArray, IntArray
 from omni_sim import faults as sensor_faults
 from omni_sim.configuration import SimulatorConfiguration
 from omni_sim.encoders import Encoders, build_encoders, read_encoders

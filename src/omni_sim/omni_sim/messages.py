@@ -10,9 +10,9 @@ from nav_msgs.msg import Odometry
 from sensor_msgs.msg import Imu, MultiDOFJointState
 from visualization_msgs.msg import Marker, MarkerArray
 
-from omni_platform import signals
-from omni_platform.description import IMU_FRAME
-from omni_platform.quantities import FloatArray
+from omni_core import signals
+from omni_core.description import IMU_FRAME
+from omni_core.quantities import FloatArray
 from omni_ros.messages import BASE_FRAME, WORLD_FRAME, stamped
 from omni_sim.configuration import SimulatorConfiguration
 from omni_sim.imu import ImuConfiguration

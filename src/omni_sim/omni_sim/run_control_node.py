@@ -14,8 +14,8 @@ from geometry_msgs.msg import PoseWithCovarianceStamped
 from rclpy.node import Node
 from std_srvs.srv import SetBool, Trigger
 
-from omni_platform.quantities import FloatArray
-from omni_platform.topics import Topic
+from omni_core.quantities import FloatArray
+from omni_core.topics import Topic
 from omni_ros import process, qos
 from omni_ros.messages import planar_pose_of
 from omni_sim.driver.scripted import FARTHEST

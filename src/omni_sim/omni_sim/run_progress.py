@@ -6,8 +6,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from omni_platform.kernels import lean
-from omni_platform.quantities import SECOND_NS, FloatArray
+from omni_core.kernels import lean
+from omni_core.quantities import SECOND_NS, FloatArray
 from omni_sim.configuration import SimulationConfiguration, SimulatorConfiguration
 from omni_sim.simulator import Observation
 

@@ -9,8 +9,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from omni_platform import quantities, signals
-from omni_platform.geometry import turned
+from omni_core import quantities, signals
+from omni_core.geometry import turned
 from omni_sim import flow_sensor, measurement
 from omni_sim.camera import batches
 from omni_sim.camera.camera import LineCameraArray

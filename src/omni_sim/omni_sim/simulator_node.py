@@ -21,11 +21,11 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
-from omni_platform import topics
-from omni_platform.configuration import Configuration, ConfigurationWarning, parameter
-from omni_platform.description import IMU_FRAME, urdf
-from omni_platform.quantities import SECOND_NS, FloatArray
-from omni_platform.sensors import Mount
+from omni_core import topics
+from omni_core.configuration import Configuration, ConfigurationWarning, parameter
+from omni_core.description import IMU_FRAME, urdf
+from omni_core.quantities import SECOND_NS, FloatArray
+from omni_core.sensors import Mount
 from omni_ros import clocks, line_images, messages, parameters, process
 from omni_ros.environment import report
 from omni_ros.frames import FrameConfiguration, prefix_frames

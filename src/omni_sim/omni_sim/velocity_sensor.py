@@ -10,10 +10,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from omni_platform.configuration import Configuration, parameter
-from omni_platform.kernels import lean
-from omni_platform.quantities import SECOND_NS, FloatArray
-from omni_platform.signals import TwistSample
+from omni_core.configuration import Configuration, parameter
+from omni_core.kernels import lean
+from omni_core.quantities import SECOND_NS, FloatArray
+from omni_core.signals import TwistSample
 
 # Lower limit on the reported standard deviation, for sensors with little noise [m/s], [rad/s].
 SMALLEST_DEVIATION = 1e-4

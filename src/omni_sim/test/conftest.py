@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from omni_platform.configuration import from_mapping
+from omni_core.configuration import from_mapping
 from omni_sim.vehicle.configuration import VehicleConfiguration
 
 CONFIG = Path(__file__).parents[3] / "config"

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from omni_platform.configuration import ConfigurationError
-from omni_platform.sensors import FlowSensor, sensor_matrix
+from omni_core.configuration import ConfigurationError
+from omni_core.sensors import FlowSensor, sensor_matrix
 from omni_sim.flow_sensor import FlowConfiguration, FlowSensorArray, check_flow_sensors
 
 SENSORS = {

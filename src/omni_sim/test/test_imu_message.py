@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from omni_platform.signals import ImuSample
+from omni_core.signals import ImuSample
 from omni_sim.imu import ImuConfiguration
 from omni_sim.messages import imu_message
 

@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from omni_platform.configuration import ConfigurationError
-from omni_platform.quantities import FloatArray
+from omni_core.configuration import ConfigurationError
+from omni_core.quantities import FloatArray
 from omni_sim.encoders import EncoderConfiguration, build_encoders, read_encoders
 from omni_sim.faults import CHANNELS, KINDS, FaultConfiguration, build_faults, corrupt
 from omni_sim.imu import ImuConfiguration, build_imu, read_imu, write_world

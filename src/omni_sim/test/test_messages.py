@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from omni_platform.sensors import LineSensor
+from omni_core.sensors import LineSensor
 from omni_ros.line_images import camera_info
 from omni_sim.configuration import (
     GroundConfiguration,

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 import yaml
 
-from omni_platform.configuration import ConfigurationError, from_mapping
-from omni_platform.sensors import LineSensor
+from omni_core.configuration import ConfigurationError, from_mapping
+from omni_core.sensors import LineSensor
 from omni_sim.camera.camera import CameraConfiguration, LineCameraArray
 from omni_sim.configuration import (
     GroundConfiguration,

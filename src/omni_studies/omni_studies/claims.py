@@ -19,7 +19,7 @@ from typing import Any
 
 import yaml
 
-from omni_loop.metrics import Metric, results_entry
+from omni_runs.metrics import Metric, results_entry
 
 
 @dataclasses.dataclass(frozen=True)

@@ -10,8 +10,8 @@ from matplotlib.colors import BoundaryNorm, ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.patheffects import withStroke
 
-from omni_figures.style import BLACK, draw_texture, panels
-from omni_platform.quantities import FloatArray
+from omni_core.quantities import FloatArray
+from omni_runs.figures.style import BLACK, draw_texture, panels
 from omni_sim.texture.texture import GroundTexture
 from omni_studies.line_trials import view_grid
 

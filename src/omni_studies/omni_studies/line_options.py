@@ -4,10 +4,10 @@ from pathlib import Path
 from typing import Any
 
 from linescan_odometry.matching.search import METRICS
-from omni_loop.experiment import ExperimentLibrary
-from omni_loop.ground_choice import ground_overrides, is_picture
-from omni_platform.command_options import option
-from omni_platform.configuration import Configuration, ConfigurationError, parameter
+from omni_core.commands.command_options import option
+from omni_core.configuration import Configuration, ConfigurationError, parameter
+from omni_runs.experiment import ExperimentLibrary
+from omni_runs.ground_choice import ground_overrides, is_picture
 from omni_sim.texture.cache import TextureCache
 from omni_sim.texture.texture import KINDS, GroundTexture
 

@@ -22,11 +22,11 @@ from typing import Any, Protocol
 
 from matplotlib.figure import Figure
 
-from omni_figures import style
-from omni_figures.tables import data_table
-from omni_loop.experiment import ExperimentLibrary
-from omni_loop.metrics import Metric, results_entry
-from omni_platform import configuration, plugins
+from omni_core import configuration, plugins
+from omni_runs.experiment import ExperimentLibrary
+from omni_runs.figures import style
+from omni_runs.figures.tables import data_table
+from omni_runs.metrics import Metric, results_entry
 from omni_studies.claims import Claim, evaluate, limited
 from omni_tools.campaign.runner import CampaignOptions, Row, Work, run_campaign
 

@@ -11,7 +11,7 @@ import pytest
 import yaml
 
 import omni_studies
-from omni_loop.metrics import Metric
+from omni_runs.metrics import Metric
 from omni_studies.claims import evaluate
 
 CLAIMS = yaml.safe_load((files(omni_studies) / "claims.yaml").read_text(encoding="utf-8"))

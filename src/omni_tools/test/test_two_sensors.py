@@ -9,7 +9,7 @@ import pytest
 from scipy.linalg import expm
 
 from linescan_odometry.twist.least_squares import TwistSolver
-from omni_platform.sensors import LineSensor
+from omni_core.sensors import LineSensor
 from omni_tools.two_sensors import (
     DisplacementError,
     PlanarDisplacement,

@@ -20,9 +20,9 @@ import math
 
 import numpy as np
 
-from omni_platform.brakes import ON_OFF, PROPORTIONAL, SPRING, TORQUE, TYPICAL
-from omni_platform.configuration import Configuration, ConfigurationError, parameter
-from omni_platform.quantities import FloatArray
+from omni_core.brakes import ON_OFF, PROPORTIONAL, SPRING, TORQUE, TYPICAL
+from omni_core.configuration import Configuration, ConfigurationError, parameter
+from omni_core.quantities import FloatArray
 
 
 class BrakeAdapterConfiguration(Configuration):

@@ -17,10 +17,10 @@ from rclpy.node import Node
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool, Float64MultiArray
 
-from omni_platform import topics
-from omni_platform.brakes import TORQUE, VELOCITY
-from omni_platform.configuration import Configuration, ConfigurationError, parameter
-from omni_platform.quantities import FloatArray
+from omni_core import topics
+from omni_core.brakes import TORQUE, VELOCITY
+from omni_core.configuration import Configuration, ConfigurationError, parameter
+from omni_core.quantities import FloatArray
 from omni_ros.messages import joint_state, to_nanoseconds
 from omni_ros.parameters import declare_configuration
 from omni_ros.process import run_process, spin_until_stopped

@@ -21,9 +21,9 @@ from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
-from omni_platform.configuration import Configuration, ConfigurationError, parameter
-from omni_platform.quantities import FloatArray
-from omni_platform.sensors import COUNT_DEVIATION
+from omni_core.configuration import Configuration, ConfigurationError, parameter
+from omni_core.quantities import FloatArray
+from omni_core.sensors import COUNT_DEVIATION
 
 PMW3901, PAA5100, OTOS = CHIPS = ("pmw3901", "paa5100", "otos")
 

@@ -11,9 +11,9 @@ import numpy as np
 from geometry_msgs.msg import TwistWithCovarianceStamped
 from rclpy.node import Node
 
-from omni_platform import topics
-from omni_platform.configuration import Configuration, parameter
-from omni_platform.signals import UNMEASURED_VARIANCE
+from omni_core import topics
+from omni_core.configuration import Configuration, parameter
+from omni_core.signals import UNMEASURED_VARIANCE
 from omni_ros.messages import planar_twist_with_covariance
 from omni_ros.parameters import declare_configuration
 from omni_ros.process import run_process, spin_until_stopped

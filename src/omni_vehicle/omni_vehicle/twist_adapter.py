@@ -12,9 +12,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from omni_platform.configuration import Configuration, ConfigurationError, did_you_mean, parameter
-from omni_platform.quantities import FloatArray
-from omni_platform.signals import UNMEASURED_VARIANCE
+from omni_core.configuration import Configuration, ConfigurationError, did_you_mean, parameter
+from omni_core.quantities import FloatArray
+from omni_core.signals import UNMEASURED_VARIANCE
 
 COMPONENTS = ("linear.x", "linear.y", "angular.z")
 """Components of a planar twist, as in its message."""

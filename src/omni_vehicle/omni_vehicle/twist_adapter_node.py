@@ -11,8 +11,8 @@ from geometry_msgs.msg import TwistStamped
 from nav_msgs.msg import Odometry
 from rclpy.node import Node
 
-from omni_platform import topics
-from omni_platform.configuration import ConfigurationError, parameter
+from omni_core import topics
+from omni_core.configuration import ConfigurationError, parameter
 from omni_ros.frames import FrameConfiguration, frame_problem, prefix_frames
 from omni_ros.messages import (
     BASE_FRAME,

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from numpy.typing import ArrayLike
 
-from omni_platform.brakes import ON_OFF, PROPORTIONAL, SPRING, TORQUE, TYPICAL, VELOCITY
-from omni_platform.configuration import ConfigurationError
+from omni_core.brakes import ON_OFF, PROPORTIONAL, SPRING, TORQUE, TYPICAL, VELOCITY
+from omni_core.configuration import ConfigurationError
 from omni_vehicle.brake_adapter import (
     BrakeAdapter,
     BrakeAdapterConfiguration,

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from omni_platform.configuration import ConfigurationError
+from omni_core.configuration import ConfigurationError
 from omni_vehicle import flow_chips
 from omni_vehicle.flow_chips import (
     FlowChipConfiguration,

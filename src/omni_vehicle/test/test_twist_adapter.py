@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from omni_platform.configuration import ConfigurationError
-from omni_platform.signals import UNMEASURED_VARIANCE
+from omni_core.configuration import ConfigurationError
+from omni_core.signals import UNMEASURED_VARIANCE
 from omni_vehicle.twist_adapter import (
     CompletedTwist,
     CovarianceCompletion,

@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 
 from linescan_odometry.joint import spectra
 from linescan_odometry.joint.spectra import Doubles, Floats, Spectrum
-from omni_platform.kernels import kernel, linked
-from omni_platform.signals import Lines
+from omni_core.kernels import kernel, linked
+from omni_core.signals import Lines
 
 _PEAKS = 2  # number of candidates from each stack
 APART = 8  # px per line; smallest distance between two peaks

@@ -11,9 +11,9 @@ from linescan_odometry.joint.likelihood import Expansion, expand, observe, windo
 from linescan_odometry.matching.transforms import load_transforms, transform_size
 from linescan_odometry.measurements import Displacement, Unmeasured
 from linescan_odometry.plausibility import Plausibility
-from omni_platform.kernels import kernel
-from omni_platform.sensors import LineSensor
-from omni_platform.signals import Lines
+from omni_core.kernels import kernel
+from omni_core.sensors import LineSensor
+from omni_core.signals import Lines
 
 _ACCELERATION = 15.0  # m/s^2, standard deviation; a hard stop on a dry road reaches 10
 _MEMORY = 0.5  # s; time constant with which older batches lose weight in the pattern

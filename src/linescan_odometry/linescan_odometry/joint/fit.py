@@ -24,7 +24,7 @@ from linescan_odometry.joint.candidates import APART, Correlation, Layout, coher
 from linescan_odometry.joint.likelihood import LEAST_NOISE, Expansion, turned, whiten, window
 from linescan_odometry.joint.spectra import Doubles, Floats, Spectrum
 from linescan_odometry.matching.transforms import transform_size
-from omni_platform.kernels import kernel, linked
+from omni_core.kernels import kernel, linked
 
 PLACES = 24  # number of ground segments in a line
 _CORRELATED = 2  # segments; largest distance at which the errors of two segments are correlated

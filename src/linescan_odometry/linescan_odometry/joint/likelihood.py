@@ -20,7 +20,7 @@ from linescan_odometry.joint import spectra
 from linescan_odometry.joint.candidates import bands, phases
 from linescan_odometry.joint.spectra import Doubles, Floats, Spectrum
 from linescan_odometry.matching.transforms import transform_size
-from omni_platform.kernels import kernel, linked
+from omni_core.kernels import kernel, linked
 
 LEAST_NOISE = 0.2  # smallest ratio of noise to power in a band, so that no band dominates
 _COHERENCE_LAG = 6  # line spacing at which the loss of coherence is measured

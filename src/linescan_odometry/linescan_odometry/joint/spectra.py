@@ -22,8 +22,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from omni_platform.kernels import kernel, linked, njit
-from omni_platform.signals import Lines
+from omni_core.kernels import kernel, linked, njit
+from omni_core.signals import Lines
 
 Floats = NDArray[np.float32]
 Doubles = NDArray[np.float64]

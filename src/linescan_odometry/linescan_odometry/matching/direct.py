@@ -28,9 +28,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from omni_platform.kernels import kernel
-from omni_platform.quantities import FloatArray, IntArray
-from omni_platform.signals import Lines
+from omni_core.kernels import kernel
+from omni_core.quantities import FloatArray, IntArray
+from omni_core.signals import Lines
 
 _PEARSON, _COSINE, _EUCLIDEAN, _SQUARED_EUCLIDEAN, _MANHATTAN, _SPEARMAN = range(6)
 _KINDS = {

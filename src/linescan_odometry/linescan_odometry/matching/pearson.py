@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 
 from linescan_odometry.matching.direct import correlation, running_sums
 from linescan_odometry.matching.transforms import load_transforms, transform_size
-from omni_platform.kernels import declares, kernel
-from omni_platform.signals import Lines
+from omni_core.kernels import declares, kernel
+from omni_core.signals import Lines
 
 Floats = NDArray[np.float32]
 

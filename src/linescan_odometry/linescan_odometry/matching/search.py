@@ -17,8 +17,8 @@ import numpy as np
 from linescan_odometry.matching.direct import DirectSearch
 from linescan_odometry.matching.pearson import PearsonSearch
 from linescan_odometry.matching.subpixel import SubpixelRefiner
-from omni_platform.quantities import BoolArray, FloatArray, IntArray
-from omni_platform.signals import Lines
+from omni_core.quantities import BoolArray, FloatArray, IntArray
+from omni_core.signals import Lines
 
 
 class ShiftSearch(Protocol):

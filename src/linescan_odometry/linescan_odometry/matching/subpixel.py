@@ -29,9 +29,9 @@ import math
 
 import numpy as np
 
-from omni_platform.kernels import declares, kernel
-from omni_platform.quantities import Float32Array, FloatArray, IntArray
-from omni_platform.signals import Lines
+from omni_core.kernels import declares, kernel
+from omni_core.quantities import Float32Array, FloatArray, IntArray
+from omni_core.signals import Lines
 
 FEWEST_PIXELS = 32
 """Minimum overlap of two lines for a refinement of their shift [px]."""

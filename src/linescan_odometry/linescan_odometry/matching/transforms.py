@@ -2,7 +2,7 @@
 
 import sys
 
-from omni_platform.kernels import lean
+from omni_core.kernels import lean
 
 
 def load_transforms() -> None:

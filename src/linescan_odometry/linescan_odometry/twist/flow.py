@@ -11,9 +11,9 @@ import math
 import numpy as np
 
 from linescan_odometry.measurements import UNMEASURED_VARIANCE, FlowReading
-from omni_platform.quantities import FloatArray
-from omni_platform.sensors import FlowSensor
-from omni_platform.signals import Flow
+from omni_core.quantities import FloatArray
+from omni_core.sensors import FlowSensor
+from omni_core.signals import Flow
 
 _DEVIATIONS = 6.0  # standard deviations by which the velocity may change due to noise alone
 

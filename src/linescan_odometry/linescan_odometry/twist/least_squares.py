@@ -33,9 +33,9 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from omni_platform.configuration import Configuration, ConfigurationError, parameter
-from omni_platform.quantities import BoolArray, FloatArray
-from omni_platform.sensors import Mount, sensor_matrix
+from omni_core.configuration import Configuration, ConfigurationError, parameter
+from omni_core.quantities import BoolArray, FloatArray
+from omni_core.sensors import Mount, sensor_matrix
 
 NONE, UNSTEERED_AXLE = "none", "unsteered_axle"
 _NARROWEST = math.sin(math.radians(5.0)) ** 2

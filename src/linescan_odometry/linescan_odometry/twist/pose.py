@@ -6,7 +6,7 @@ import math
 import numpy as np
 
 from linescan_odometry.measurements import UNMEASURED_VARIANCE
-from omni_platform.quantities import FloatArray
+from omni_core.quantities import FloatArray
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

@@ -19,8 +19,8 @@ from linescan_odometry.joint.spectra import shrink, without_defects
 from linescan_odometry.matching.transforms import load_transforms
 from linescan_odometry.odometry import LineScanOdometry
 from linescan_odometry.sensor import SensorOdometry
-from omni_platform.sensors import LineSensor, sensor_matrix
-from omni_platform.signals import LineBatch
+from omni_core.sensors import LineSensor, sensor_matrix
+from omni_core.signals import LineBatch
 
 Expose = Callable[..., Any]
 

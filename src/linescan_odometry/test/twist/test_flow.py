@@ -11,9 +11,9 @@ import pytest
 from linescan_odometry.odometry import LineScanOdometry, OdometryConfiguration, TwistEstimate
 from linescan_odometry.port import BatchCollector
 from linescan_odometry.twist.least_squares import KinematicsConfiguration, TwistSolver
-from omni_platform.configuration import ConfigurationError
-from omni_platform.sensors import FlowSensor, LineSensor, sensor_matrix
-from omni_platform.signals import Flow, LineBatch, LineBatchError
+from omni_core.configuration import ConfigurationError
+from omni_core.sensors import FlowSensor, LineSensor, sensor_matrix
+from omni_core.signals import Flow, LineBatch, LineBatchError
 
 TWIST = np.array((1.2, -0.4, 0.7))
 PERIOD_NS = 10_000_000

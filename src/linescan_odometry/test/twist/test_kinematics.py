@@ -16,9 +16,9 @@ from linescan_odometry.twist.least_squares import (
     TwistSolver,
     check_placement,
 )
-from omni_platform.configuration import ConfigurationError
-from omni_platform.sensors import LineSensor, sensor_matrix
-from omni_platform.signals import LineBatch
+from omni_core.configuration import ConfigurationError
+from omni_core.sensors import LineSensor, sensor_matrix
+from omni_core.signals import LineBatch
 
 Expose = Callable[..., Any]
 

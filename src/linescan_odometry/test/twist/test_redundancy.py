@@ -12,8 +12,8 @@ import pytest
 from linescan_odometry.measurements import TwistEstimate
 from linescan_odometry.odometry import LineScanOdometry, OdometryConfiguration
 from linescan_odometry.twist.least_squares import TwistSolver
-from omni_platform.sensors import LineSensor, sensor_matrix
-from omni_platform.signals import LineBatch
+from omni_core.sensors import LineSensor, sensor_matrix
+from omni_core.signals import LineBatch
 
 Expose = Callable[..., Any]
 

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from linescan_odometry.twist.least_squares import TwistSolver, check_placement
-from omni_platform.configuration import ConfigurationError
-from omni_platform.sensors import LineSensor, velocity_row
+from omni_core.configuration import ConfigurationError
+from omni_core.sensors import LineSensor, velocity_row
 
 TWIST = np.array([9.0, -2.0, 0.7])
 

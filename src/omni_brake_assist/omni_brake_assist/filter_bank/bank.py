@@ -6,9 +6,9 @@ from omni_brake_assist.filter_bank import filters
 from omni_brake_assist.filter_bank import state as bank
 from omni_brake_assist.filter_bank.state import RATE, STATES, U_X, U_Y, BankConstants, BankMemory
 from omni_brake_assist.filter_bank.wheels import fuse_wheels
-from omni_platform.kernels import lean
-from omni_platform.quantities import FloatArray
-from omni_platform.signals import VALID, TwistSample
+from omni_core.kernels import lean
+from omni_core.quantities import FloatArray
+from omni_core.signals import VALID, TwistSample
 
 _RESTART_NS = 100_000_000  # shortest time between two restarts of the filter with all sources [ns]
 _UNSUPPORTED = 0.2  # limit on the time without a rolling released wheel if there is no twist [s]

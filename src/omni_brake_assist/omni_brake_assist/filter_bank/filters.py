@@ -14,9 +14,9 @@ import math
 
 from omni_brake_assist.filter_bank import state as bank
 from omni_brake_assist.filter_bank.state import BIAS_X, BIAS_Y, RATE, STATES, U_X, U_Y
-from omni_platform.kernels import lean
-from omni_platform.quantities import FloatArray
-from omni_platform.signals import TwistSample
+from omni_core.kernels import lean
+from omni_core.quantities import FloatArray
+from omni_core.signals import TwistSample
 
 GATE = 30.0
 """Normalized innovation squared above which a reading is rejected (5.5 standard deviations) [1]."""

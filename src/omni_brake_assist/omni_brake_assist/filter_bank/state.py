@@ -7,10 +7,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omni_brake_assist.configuration import BrakeAssistConfiguration
-from omni_platform.geometry import PlatformGeometry
-from omni_platform.kernels import lean
-from omni_platform.quantities import FloatArray, IntArray
-from omni_platform.signals import VALID, TwistSample
+from omni_core.geometry import PlatformGeometry
+from omni_core.kernels import lean
+from omni_core.quantities import FloatArray, IntArray
+from omni_core.signals import VALID, TwistSample
 
 # Hypotheses on which source is faulty. Each hypothesis except NO_ESTIMATE has a filter that does
 # not use this source.

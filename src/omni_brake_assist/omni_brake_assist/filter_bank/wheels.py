@@ -16,8 +16,8 @@ from omni_brake_assist.filter_bank.filters import (
     variance_along,
 )
 from omni_brake_assist.filter_bank.state import RATE, SCALE, U_X, U_Y, BankConstants, BankMemory
-from omni_platform.kernels import lean
-from omni_platform.quantities import FloatArray
+from omni_core.kernels import lean
+from omni_core.quantities import FloatArray
 
 # The slip of a released wheel only decreases, because friction accelerates its rim. The wheel is
 # idle until its rim is faster by _GAIN [m/s] than with the smallest slip so far. An idle wheel

@@ -25,9 +25,9 @@ from omni_brake_assist.laws.law import ASSIST, NO_HELP, Motion
 from omni_brake_assist.laws.observers import LONGEST_DEAD_TIME, observe
 from omni_brake_assist.laws.slip_control import control_slip
 from omni_brake_assist.laws.wheel_model import NominalBrake
-from omni_platform.geometry import PlatformGeometry
-from omni_platform.kernels import lean
-from omni_platform.quantities import FloatArray
+from omni_core.geometry import PlatformGeometry
+from omni_core.kernels import lean
+from omni_core.quantities import FloatArray
 
 
 def make_constants(

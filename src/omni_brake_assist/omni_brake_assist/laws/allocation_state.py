@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from omni_brake_assist.laws.box_least_squares import Box
 from omni_brake_assist.laws.wheel_model import NominalBrake
-from omni_platform.quantities import FloatArray
+from omni_core.quantities import FloatArray
 
 CASCADE = 2.0
 """Ratio of the time constant of a loop to that of the next inner loop [1]."""

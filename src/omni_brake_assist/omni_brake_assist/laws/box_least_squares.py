@@ -14,8 +14,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from omni_platform.kernels import lean
-from omni_platform.quantities import FloatArray, IntArray
+from omni_core.kernels import lean
+from omni_core.quantities import FloatArray, IntArray
 
 _FREE, _LOW, _HIGH = range(3)
 _TOLERANCE = 1e-9  # tolerance for rounding errors of a multiplier [1]

@@ -17,7 +17,7 @@ import math
 from omni_brake_assist.laws.allocation_state import CASCADE, Constants, Memory
 from omni_brake_assist.laws.box_least_squares import Box, box_least_squares, new_box
 from omni_brake_assist.laws.law import NO_WHEEL, Motion
-from omni_platform.kernels import lean
+from omni_core.kernels import lean
 
 DECELERATION, YAW, SIDE = range(3)
 _SPREAD = 1e-3  # weight of the squared forces; it distributes a force equally to equal wheels [1]

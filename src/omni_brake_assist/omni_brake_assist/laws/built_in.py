@@ -5,9 +5,9 @@ from typing import NamedTuple
 from omni_brake_assist.configuration import LAWS, MOST_VALVES, BrakeAssistConfiguration
 from omni_brake_assist.laws import allocation, allocation_state, sliding_mode
 from omni_brake_assist.laws.law import HELD, NO_HELP, NO_WHEEL, Motion
-from omni_platform.geometry import PlatformGeometry
-from omni_platform.kernels import lean
-from omni_platform.quantities import FloatArray
+from omni_core.geometry import PlatformGeometry
+from omni_core.kernels import lean
+from omni_core.quantities import FloatArray
 
 SLIDING_MODE, ALLOCATION = range(2)
 

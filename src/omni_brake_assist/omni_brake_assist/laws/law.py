@@ -12,10 +12,10 @@ import traceback
 from typing import NamedTuple, Protocol
 
 from omni_brake_assist.configuration import LAW_GROUP, LAWS, BrakeAssistConfiguration
-from omni_platform.geometry import PlatformGeometry
-from omni_platform.kernels import lean
-from omni_platform.plugins import load_class, make_part
-from omni_platform.quantities import FloatArray
+from omni_core.geometry import PlatformGeometry
+from omni_core.kernels import lean
+from omni_core.plugins import load_class, make_part
+from omni_core.quantities import FloatArray
 
 # Results of a law. ASSIST: apply the enables. NO_HELP: put all brakes on, because releasing some of
 # them would not help, or too few wheel speeds are known. FAILED: the law raised an error. HELD: the

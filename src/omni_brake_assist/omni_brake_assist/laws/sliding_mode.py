@@ -33,9 +33,9 @@ import numpy as np
 from omni_brake_assist.configuration import BrakeAssistConfiguration
 from omni_brake_assist.laws.law import ASSIST, NO_HELP, Motion
 from omni_brake_assist.weighting import ZERO, Weighting, psi, weighting_function
-from omni_platform.geometry import PlatformGeometry
-from omni_platform.kernels import kernel, lean
-from omni_platform.quantities import FloatArray
+from omni_core.geometry import PlatformGeometry
+from omni_core.kernels import kernel, lean
+from omni_core.quantities import FloatArray
 
 
 class Manifold(NamedTuple):

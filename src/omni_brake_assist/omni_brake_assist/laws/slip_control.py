@@ -21,8 +21,8 @@ from omni_brake_assist.laws.allocation_state import CASCADE, Constants, Memory
 from omni_brake_assist.laws.braking_qp import best_pattern
 from omni_brake_assist.laws.law import Motion
 from omni_brake_assist.laws.wheel_model import BrakedWheel, NominalBrake
-from omni_platform.kernels import lean
-from omni_platform.quantities import FloatArray
+from omni_core.kernels import lean
+from omni_core.quantities import FloatArray
 
 # Lower limit of the enable of the proportional brake with the largest demanded share [1], unless a
 # step of the brake is larger. Without it, the assistant would put all brakes on if the law released

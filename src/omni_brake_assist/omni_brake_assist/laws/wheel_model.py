@@ -12,8 +12,8 @@ the measured wheel speed corrects both at every step.
 import math
 from typing import NamedTuple
 
-from omni_platform.kernels import lean
-from omni_platform.quantities import FloatArray
+from omni_core.kernels import lean
+from omni_core.quantities import FloatArray
 
 
 class NominalBrake(NamedTuple):

@@ -24,9 +24,9 @@ import numpy as np
 from omni_brake_assist.configuration import BrakeAssistConfiguration
 from omni_brake_assist.filter_bank.state import RELEASED, SHARE, WHEEL
 from omni_brake_assist.laws.law import NO_WHEEL
-from omni_platform.geometry import PlatformGeometry
-from omni_platform.kernels import lean
-from omni_platform.quantities import FloatArray
+from omni_core.geometry import PlatformGeometry
+from omni_core.kernels import lean
+from omni_core.quantities import FloatArray
 
 _LEAST = 0.15  # smallest share of the full pressure that can cause sliding [1]
 _SLOW = 0.5  # smallest speed along the active direction for the detection [m/s]

@@ -36,9 +36,9 @@ from numpy.typing import NDArray
 
 from omni_brake_assist.configuration import BrakeAssistConfiguration
 from omni_brake_assist.filter_bank.state import least_loss
-from omni_platform.geometry import PlatformGeometry
-from omni_platform.kernels import lean
-from omni_platform.quantities import FloatArray
+from omni_core.geometry import PlatformGeometry
+from omni_core.kernels import lean
+from omni_core.quantities import FloatArray
 
 _LEDGER = np.dtype(
     [

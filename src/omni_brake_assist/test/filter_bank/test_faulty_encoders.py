@@ -13,9 +13,9 @@ from omni_brake_assist.filter_bank.state import (
     bank_constants,
     bank_memory,
 )
-from omni_platform.brakes import BrakeConfiguration
-from omni_platform.geometry import PlatformGeometry, WheelMount
-from omni_platform.signals import TwistSample
+from omni_core.brakes import BrakeConfiguration
+from omni_core.geometry import PlatformGeometry, WheelMount
+from omni_core.signals import TwistSample
 
 PERIOD_NS = 10_000_000
 STEP = 0.01  # [s]

@@ -8,10 +8,10 @@ import pytest
 from omni_brake_assist.configuration import BrakeAssistConfiguration
 from omni_brake_assist.filter_bank import state as bank
 from omni_brake_assist.filter_bank.bank import estimate
-from omni_platform.geometry import PlatformGeometry, WheelMount
-from omni_platform.kinematics import PlatformKinematics
-from omni_platform.quantities import FloatArray
-from omni_platform.signals import MISSING, VALID, TwistSample
+from omni_core.geometry import PlatformGeometry, WheelMount
+from omni_core.kinematics import PlatformKinematics
+from omni_core.quantities import FloatArray
+from omni_core.signals import MISSING, VALID, TwistSample
 
 RELEASED = "brakes released when they should act"
 ISOLATED = "fault isolation: the reading contradicts "

@@ -21,8 +21,8 @@ from omni_brake_assist.laws.wheel_model import (
     command_at,
     lagged,
 )
-from omni_platform.brakes import ON_OFF, PROPORTIONAL, BrakeConfiguration
-from omni_platform.geometry import PlatformGeometry, WheelMount
+from omni_core.brakes import ON_OFF, PROPORTIONAL, BrakeConfiguration
+from omni_core.geometry import PlatformGeometry, WheelMount
 
 Wheels = dict[str, WheelMount]
 

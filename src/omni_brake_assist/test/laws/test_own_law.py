@@ -13,10 +13,10 @@ from omni_brake_assist.brake_assist import BrakeAssist, BrakeDemand
 from omni_brake_assist.conditions import AssistState, Decision
 from omni_brake_assist.configuration import BrakeAssistConfiguration
 from omni_brake_assist.sources import FUSED
-from omni_platform.configuration import ConfigurationError
-from omni_platform.geometry import WheelMount
-from omni_platform.kinematics import PlatformKinematics
-from omni_platform.signals import ImuSample, TwistSample, WheelSample
+from omni_core.configuration import ConfigurationError
+from omni_core.geometry import WheelMount
+from omni_core.kinematics import PlatformKinematics
+from omni_core.signals import ImuSample, TwistSample, WheelSample
 
 Wheels = dict[str, WheelMount]
 

@@ -14,9 +14,9 @@ from reference_equations import force_directions, sliding_velocities
 from omni_brake_assist.assist_step import fastest_wheel
 from omni_brake_assist.laws.sliding_mode import SlidingManifold
 from omni_brake_assist.weighting import WEIGHTINGS, weighting_function
-from omni_platform.geometry import PlatformGeometry, WheelMount, cross
-from omni_platform.kinematics import PlatformKinematics
-from omni_platform.quantities import FloatArray
+from omni_core.geometry import PlatformGeometry, WheelMount, cross
+from omni_core.kinematics import PlatformKinematics
+from omni_core.quantities import FloatArray
 
 Wheels = dict[str, WheelMount]
 ROOT = math.sqrt(0.5)

@@ -16,10 +16,10 @@ from omni_brake_assist.monitors.brake_monitor import (
     brake_memory,
     watch_brakes,
 )
-from omni_platform.brakes import BrakeConfiguration
-from omni_platform.geometry import PlatformGeometry, WheelMount
-from omni_platform.quantities import FloatArray
-from omni_platform.signals import ImuSample, TwistSample, WheelSample
+from omni_core.brakes import BrakeConfiguration
+from omni_core.geometry import PlatformGeometry, WheelMount
+from omni_core.quantities import FloatArray
+from omni_core.signals import ImuSample, TwistSample, WheelSample
 
 DT = 0.01
 TWIST = (5.0, 0.5, 0.2)

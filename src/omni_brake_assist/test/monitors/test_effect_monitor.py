@@ -10,8 +10,8 @@ from omni_brake_assist.monitors.effect_monitor import (
     effect_memory,
     watch_effect,
 )
-from omni_platform.brakes import BrakeConfiguration
-from omni_platform.geometry import PlatformGeometry, WheelMount
+from omni_core.brakes import BrakeConfiguration
+from omni_core.geometry import PlatformGeometry, WheelMount
 
 RELEASED = "brakes released when they should act"
 DT = 0.01

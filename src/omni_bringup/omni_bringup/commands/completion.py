@@ -7,11 +7,11 @@ from collections.abc import Iterator
 from importlib import resources
 from typing import Any
 
-from omni_bringup import commands
-from omni_bringup.command_report import Report
-from omni_bringup.commands.list import EVERY, names_of
-from omni_bringup.workspace import Workspace
-from omni_platform import command_options, configuration
+from omni_core import commands, configuration
+from omni_core.commands import command_options
+from omni_core.commands.command_report import Report
+from omni_runs.items import EVERY, names_of
+from omni_runs.workspace import ExperimentWorkspace
 
 _VALUES = {"--vehicle": "vehicles", "--ground": "grounds", "--experiment": "experiments"}
 _NAMED = {"run": "experiments", "limit": "experiments"}  # kind of name that follows a command
@@ -21,7 +21,7 @@ class Options(configuration.Configuration):
     """Options of ``omni completion``, which has none."""
 
 
-def run(_options: Options, workspace: Workspace) -> Report:
+def run(_options: Options, workspace: ExperimentWorkspace) -> Report:
     """Return the completion script for bash."""
     names = {kind: sorted(names_of(kind, workspace.folder)) for kind in EVERY}
     cases = list(_cases(commands, "", names))

@@ -19,9 +19,9 @@ from typing import Any
 
 import yaml
 
-from omni_bringup.command_report import Report
-from omni_bringup.workspace import Workspace
-from omni_platform.command_options import CommandOptions, option
+from omni_core.commands.command_options import CommandOptions, option
+from omni_core.commands.command_report import Report
+from omni_runs.workspace import ExperimentWorkspace
 
 WORK = "checking"
 
@@ -37,7 +37,7 @@ class TroubleError(Exception):
     """A problem of the installation, with its remedy."""
 
 
-def run(options: Options, workspace: Workspace) -> Report:
+def run(options: Options, workspace: ExperimentWorkspace) -> Report:
     """Check each part of the installation, and report the results."""
     checks: dict[str, Callable[[Path], str]] = {
         "Python": _python,
@@ -112,8 +112,8 @@ while rclpy.ok() and spare:
 
 def _dds(_: Path) -> str:
     """Check that two nodes on this machine receive each other's messages."""
-    from omni_bringup.graph.domain import NoFreeDomainError, reserved_domain
     from omni_ros.environment import node_environment
+    from omni_runs.graph.domain import NoFreeDomainError, reserved_domain
 
     try:
         with reserved_domain() as domain:
@@ -154,8 +154,8 @@ def _kernels(_: Path) -> str:
 
 
 def _configuration(workspace: Path) -> str:
-    from omni_loop.experiment import ExperimentLibrary
-    from omni_platform.configuration import ConfigurationError
+    from omni_core.configuration import ConfigurationError
+    from omni_runs.experiment import ExperimentLibrary
 
     library = ExperimentLibrary(workspace / "config")
     names = library.names()
@@ -206,7 +206,7 @@ def _size(folder: Path) -> int:
 
 
 def _feedback(parameters: Path, _: Path) -> str:
-    from omni_bringup.graph.hardware import BRAKE_ASSIST, WARNING
+    from omni_runs.graph.hardware import BRAKE_ASSIST, WARNING
 
     file = parameters / f"{BRAKE_ASSIST}.yaml"
     try:

@@ -10,8 +10,8 @@ import sys
 from collections.abc import Iterator
 from typing import Any
 
-from omni_bringup import commands
-from omni_platform import command_options, configuration
+from omni_core import commands, configuration
+from omni_core.commands import command_options
 
 _HEAD = """\
 # All options

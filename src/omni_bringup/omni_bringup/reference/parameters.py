@@ -9,8 +9,8 @@ import typing
 from collections.abc import Iterator
 from typing import Any
 
-from omni_platform import configuration
-from omni_platform.configuration import ParameterInfo
+from omni_core import configuration
+from omni_core.configuration import ParameterInfo
 
 _HEAD = """\
 # Parameters
@@ -27,13 +27,13 @@ Section, equation and table numbers refer to the dissertation.
 
 def reference() -> str:
     """Return the reference of all parameters as Markdown text."""
-    from linescan_odometry.camera.configuration import CameraConfiguration
     from linescan_odometry.odometry import OdometryConfiguration
     from omni_brake_assist.configuration import BrakeAssistConfiguration
-    from omni_loop.experiment import ExperimentConfiguration
+    from omni_runs.experiment import ExperimentConfiguration
     from omni_sim.configuration import SimulatorConfiguration
     from omni_vehicle.brake_adapter import BrakeAdapterConfiguration
     from omni_vehicle.brake_adapter_node import TopicsConfiguration
+    from omni_vehicle.camera.configuration import CameraConfiguration
     from omni_vehicle.flow_chips import FlowChipConfiguration
     from omni_vehicle.flow_sensor_node import FlowNodeConfiguration
     from omni_vehicle.twist_adapter_node import TwistAdapterConfiguration

@@ -1,7 +1,7 @@
 """Test the reference of all options."""
 
 from omni_bringup.reference import commands
-from omni_platform.configuration import Configuration, parameter
+from omni_core.configuration import Configuration, parameter
 
 
 class Options(Configuration):

@@ -8,7 +8,7 @@ from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Any
 
-from omni_platform.configuration import InputError, WorkError
+from omni_core.configuration import InputError, WorkError
 from omni_recording.decode import DecodeError, MessageDecoder
 from omni_recording.folder import bag_messages, bag_summary, open_bag
 from omni_recording.limits import LIMITS

@@ -8,7 +8,7 @@ import math
 from collections.abc import Callable, Mapping
 from typing import NamedTuple
 
-from omni_platform import topics
+from omni_core import topics
 
 Values = Mapping[str, float]
 """Values of a message in their units, keyed by the names that `table.flatten` gives them."""

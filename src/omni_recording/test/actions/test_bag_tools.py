@@ -14,7 +14,7 @@ from mcap.records import Message
 from mcap.writer import CompressionType
 from mcap.writer import Writer as McapWriter
 
-from omni_platform.configuration import WorkError
+from omni_core.configuration import WorkError
 from omni_recording.actions.check import check_bag
 from omni_recording.actions.export import ExportError, export_bag
 from omni_recording.folder import bag_messages, bag_summary, open_bag

@@ -11,8 +11,8 @@ import pytest
 from made_recordings import JOINTS, STORE, header
 from rosbags.rosbag2 import StoragePlugin, Writer
 
-from omni_platform.quantities import FloatArray
-from omni_platform.topics import DIAGNOSTICS, DIAGNOSTICS_TYPE, ENABLE, TWIST
+from omni_core.quantities import FloatArray
+from omni_core.topics import DIAGNOSTICS, DIAGNOSTICS_TYPE, ENABLE, TWIST
 from omni_recording.actions.compare import TopicComparison, compare_topics
 
 PLANAR = np.ix_((0, 1, 5), (0, 1, 5))

@@ -12,10 +12,10 @@ from functools import partial
 
 import numpy as np
 
-from omni_platform.background import in_background
-from omni_platform.kernels import lean
-from omni_platform.quantities import SECOND_NS, FloatArray
-from omni_platform.signals import LineBatch
+from omni_core.background import in_background
+from omni_core.kernels import lean
+from omni_core.quantities import SECOND_NS, FloatArray
+from omni_core.signals import LineBatch
 from omni_sim.camera.camera import LineCameraArray
 
 _SLACK = 1e-6  # share of a step by which rounded times may be outside the trajectory

@@ -12,10 +12,10 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from omni_platform.kernels import lean
-from omni_platform.quantities import Float32Array, FloatArray
-from omni_platform.sensors import LineSensor
-from omni_platform.signals import Lines
+from omni_core.kernels import lean
+from omni_core.quantities import Float32Array, FloatArray
+from omni_core.sensors import LineSensor
+from omni_core.signals import Lines
 from omni_sim.camera import optics
 from omni_sim.camera.configuration import CameraConfiguration
 from omni_sim.camera.exposure import expose, noise_key

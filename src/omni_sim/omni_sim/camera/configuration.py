@@ -1,6 +1,6 @@
 """Exposure, optics and noise of the line cameras (dissertation, section 4.4)."""
 
-from omni_platform.configuration import Configuration, ConfigurationError, parameter
+from omni_core.configuration import Configuration, ConfigurationError, parameter
 
 TELECENTRIC, ORDINARY = "telecentric", "ordinary"
 

@@ -15,9 +15,9 @@ import statistics
 
 import numpy as np
 
-from omni_platform.kernels import kernel
-from omni_platform.quantities import Float32Array
-from omni_platform.signals import Lines
+from omni_core.kernels import kernel
+from omni_core.quantities import Float32Array
+from omni_core.signals import Lines
 from omni_sim.camera.configuration import FULL_SCALE, CameraConfiguration
 
 _TABLE_BITS = 12

@@ -5,9 +5,9 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from omni_platform.configuration import ConfigurationError
-from omni_platform.quantities import Float32Array, FloatArray, IntArray
-from omni_platform.sensors import LineSensor
+from omni_core.configuration import ConfigurationError
+from omni_core.quantities import Float32Array, FloatArray, IntArray
+from omni_core.sensors import LineSensor
 from omni_sim.camera.configuration import FULL_SCALE, CameraConfiguration
 
 _SAMPLES_PER_PIXEL = 4  # samples per pixel of motion along the axis in a blurred line

@@ -9,8 +9,8 @@ import math
 
 import numpy as np
 
-from omni_platform.configuration import Configuration, parameter
-from omni_platform.quantities import FloatArray
+from omni_core.configuration import Configuration, parameter
+from omni_core.quantities import FloatArray
 from omni_sim.driver.scripted import ManeuverConfiguration, ScriptedDriver
 
 FULL_BRAKING = 1.0

@@ -5,8 +5,8 @@ from typing import Protocol
 
 import numpy as np
 
-from omni_platform.configuration import Configuration, ConfigurationError, parameter, section
-from omni_platform.quantities import SECOND_NS, FloatArray
+from omni_core.configuration import Configuration, ConfigurationError, parameter, section
+from omni_core.quantities import SECOND_NS, FloatArray
 from omni_sim.vehicle.dynamics import in_turned_frame
 
 FARTHEST = 1.0e4  # m; limit on the coordinates of a vehicle, up to which grounds can be rendered

@@ -20,9 +20,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from omni_platform.configuration import Configuration, ConfigurationError, parameter, section
-from omni_platform.kernels import lean
-from omni_platform.quantities import FloatArray
+from omni_core.configuration import Configuration, ConfigurationError, parameter, section
+from omni_core.kernels import lean
+from omni_core.quantities import FloatArray
 
 STEEPEST = 0.5
 """Limit on the slope of the ground [1]. On steeper ground the model would be inaccurate, because it

@@ -5,9 +5,9 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from omni_platform.configuration import Configuration, parameter
-from omni_platform.kernels import lean
-from omni_platform.quantities import FloatArray
+from omni_core.configuration import Configuration, parameter
+from omni_core.kernels import lean
+from omni_core.quantities import FloatArray
 
 
 class FrictionPatch(Configuration):

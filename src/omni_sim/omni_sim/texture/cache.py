@@ -16,8 +16,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from omni_platform.configuration import to_mapping
-from omni_platform.files import user_folder
+from omni_core.configuration import to_mapping
+from omni_core.files import user_folder
 from omni_sim.texture import texture as ground
 from omni_sim.texture.picture import read_picture
 

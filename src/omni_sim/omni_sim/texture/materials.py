@@ -34,7 +34,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from omni_platform.quantities import FloatArray
+from omni_core.quantities import FloatArray
 from omni_sim.texture import patterns
 
 Layers = list[patterns.Pattern]

@@ -12,8 +12,8 @@ from typing import Protocol
 
 import numpy as np
 
-from omni_platform.kernels import kernel
-from omni_platform.quantities import Float32Array, FloatArray, IntArray
+from omni_core.kernels import kernel
+from omni_core.quantities import Float32Array, FloatArray, IntArray
 
 
 class Pattern(Protocol):

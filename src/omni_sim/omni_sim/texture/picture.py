@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from omni_platform.configuration import ConfigurationError
+from omni_core.configuration import ConfigurationError
 from omni_sim.texture.texture import BLOCK, FEWEST_TEXELS, INCH, MOST_TEXELS, GroundTexture
 
 _KEY = "picture"

@@ -11,7 +11,7 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 from numpy.typing import NDArray
 
-from omni_platform.configuration import Configuration, ConfigurationError, parameter
+from omni_core.configuration import Configuration, ConfigurationError, parameter
 from omni_sim.texture.materials import MATERIALS, Brush
 
 KINDS = tuple(MATERIALS)

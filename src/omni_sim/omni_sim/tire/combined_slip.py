@@ -24,8 +24,8 @@ from numba import types
 from numba.extending import overload
 from numpy.typing import ArrayLike
 
-from omni_platform.kernels import lean
-from omni_platform.quantities import FloatArray, Pair
+from omni_core.kernels import lean
+from omni_core.quantities import FloatArray, Pair
 from omni_sim.tire.interface.model import flat_together
 from omni_sim.tire.models import tmeasy
 from omni_sim.tire.models.tmeasy import CurvePoint, TMeasyParameters

@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from omni_platform.configuration import Configuration, parameter, section
-from omni_platform.kernels import lean
-from omni_platform.quantities import FloatArray
+from omni_core.configuration import Configuration, parameter, section
+from omni_core.kernels import lean
+from omni_core.quantities import FloatArray
 from omni_sim.tire.interface.model import Curve, TireModel, curve_at, flat_together, force_at
 from omni_sim.tire.models import MODELS
 

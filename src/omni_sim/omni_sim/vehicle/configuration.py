@@ -4,16 +4,16 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from omni_platform import geometry, quantities
-from omni_platform.brakes import VELOCITY, BrakeConfiguration
-from omni_platform.configuration import (
+from omni_core import geometry, quantities
+from omni_core.brakes import VELOCITY, BrakeConfiguration
+from omni_core.configuration import (
     Configuration,
     ConfigurationError,
     check_choice,
     parameter,
     section,
 )
-from omni_platform.kinematics import PlatformKinematics
+from omni_core.kinematics import PlatformKinematics
 from omni_sim.tire.tire import TireConfiguration
 from omni_sim.vehicle import loads
 from omni_sim.vehicle.suspension import SuspensionConfiguration

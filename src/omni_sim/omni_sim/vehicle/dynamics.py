@@ -23,8 +23,8 @@ time.
 
 import math
 
-from omni_platform.kernels import lean, lean_inline, linked
-from omni_platform.quantities import FloatArray, Pair, Triple
+from omni_core.kernels import lean, lean_inline, linked
+from omni_core.quantities import FloatArray, Pair, Triple
 from omni_sim.ground.friction import friction_at
 from omni_sim.tire.interface.model import curve_at
 from omni_sim.vehicle import state as layout

@@ -9,8 +9,8 @@ the wheel loads [N], shape (N,).
 
 import numpy as np
 
-from omni_platform.kernels import lean
-from omni_platform.quantities import FloatArray, IntArray
+from omni_core.kernels import lean
+from omni_core.quantities import FloatArray, IntArray
 
 _MAXIMUM_ITERATIONS = 100
 

@@ -23,9 +23,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from omni_platform.configuration import Configuration, parameter
-from omni_platform.kernels import lean
-from omni_platform.quantities import LARGEST_OFFSET, FloatArray, IntArray
+from omni_core.configuration import Configuration, parameter
+from omni_core.kernels import lean
+from omni_core.quantities import LARGEST_OFFSET, FloatArray, IntArray
 from omni_sim.vehicle.lifted_wheels import stand_on_edge, stand_on_some, stand_on_triangle
 
 GRAVITY = 9.81

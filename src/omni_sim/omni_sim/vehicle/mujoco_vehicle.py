@@ -24,9 +24,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from omni_platform.configuration import ConfigurationError
-from omni_platform.kinematics import PlatformKinematics
-from omni_platform.quantities import FloatArray
+from omni_core.configuration import ConfigurationError
+from omni_core.kinematics import PlatformKinematics
+from omni_core.quantities import FloatArray
 from omni_sim.ground.elevation import ElevationConfiguration
 from omni_sim.ground.friction import FrictionMap, friction_at
 from omni_sim.tire.interface.model import curve_at

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from omni_platform.quantities import FloatArray
+from omni_core.quantities import FloatArray
 from omni_sim.vehicle import dynamics, roller_dynamics, suspension, uneven_ground
 from omni_sim.vehicle.loads import GRAVITY, MassProperties
 from omni_sim.vehicle.plant import static_loads

@@ -4,10 +4,10 @@ import math
 
 import numpy as np
 
-from omni_platform.brakes import VELOCITY
-from omni_platform.geometry import cross
-from omni_platform.kinematics import PlatformKinematics
-from omni_platform.quantities import FloatArray
+from omni_core.brakes import VELOCITY
+from omni_core.geometry import cross
+from omni_core.kinematics import PlatformKinematics
+from omni_core.quantities import FloatArray
 from omni_sim.ground.friction import FrictionMap
 from omni_sim.tire.combined_slip import passive_parameters
 from omni_sim.vehicle import state

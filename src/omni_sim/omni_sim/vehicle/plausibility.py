@@ -10,7 +10,8 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
-from omni_platform.geometry import PlatformGeometry
+from omni_core.geometry import PlatformGeometry
+from omni_core.quantities import plain
 from omni_sim.tire.tire import Tire
 from omni_sim.vehicle.configuration import VehicleConfiguration
 from omni_sim.vehicle.loads import GRAVITY, load_plane
@@ -46,12 +47,6 @@ class WheelFacts:
     load: float
     grip: float
     brake_force: float
-
-
-def plain(value: float, digits: int = 3) -> str:
-    """Return a number as text with some significant digits; large ones without an exponent."""
-    words = f"{value:.{digits}g}"
-    return f"{float(words):.0f}" if "e+" in words else words
 
 
 def wheel_facts(vehicle: VehicleConfiguration, friction: float = 1.0) -> dict[str, WheelFacts]:

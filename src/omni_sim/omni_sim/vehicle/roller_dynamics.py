@@ -10,8 +10,8 @@ they contain its force in the last step.
 import math
 from typing import NamedTuple
 
-from omni_platform.kernels import lean, lean_inline
-from omni_platform.quantities import Pair
+from omni_core.kernels import lean, lean_inline
+from omni_core.quantities import Pair
 from omni_sim.ground.friction import friction_at
 from omni_sim.tire.interface.model import curve_at
 from omni_sim.vehicle.state import Plant, Record, Rollers, Step, Structured

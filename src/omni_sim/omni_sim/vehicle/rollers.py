@@ -19,9 +19,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from omni_platform import kinematics
-from omni_platform.configuration import ConfigurationError
-from omni_platform.geometry import PlatformGeometry, WheelMount
+from omni_core import kinematics
+from omni_core.configuration import ConfigurationError
+from omni_core.geometry import PlatformGeometry, WheelMount
 
 # An arrangement is implausible if its smallest singular value is less than this multiple of the
 # value with all roller angles reversed, or with angles in radians [1].

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from omni_platform.quantities import FloatArray, IntArray, Pair, Triple
+from omni_core.quantities import FloatArray, IntArray, Pair, Triple
 from omni_sim.ground.elevation import Terrain
 from omni_sim.wheel.brake_pressure import BrakePressure
 

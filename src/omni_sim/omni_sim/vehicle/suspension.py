@@ -28,10 +28,10 @@ import math
 
 import numpy as np
 
-from omni_platform.configuration import Configuration, parameter
-from omni_platform.geometry import turned
-from omni_platform.kernels import lean
-from omni_platform.quantities import FloatArray
+from omni_core.configuration import Configuration, parameter
+from omni_core.geometry import turned
+from omni_core.kernels import lean
+from omni_core.quantities import FloatArray
 from omni_sim.vehicle.state import Plant, Structured, Suspension
 from omni_sim.wheel.roller_geometry import nearest_roller
 

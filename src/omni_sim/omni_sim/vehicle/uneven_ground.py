@@ -37,8 +37,8 @@ import math
 
 import numpy as np
 
-from omni_platform.kernels import lean
-from omni_platform.quantities import FloatArray
+from omni_core.kernels import lean
+from omni_core.quantities import FloatArray
 from omni_sim.ground.elevation import Terrain, elevation_at
 
 

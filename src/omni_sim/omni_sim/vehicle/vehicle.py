@@ -6,8 +6,8 @@ import warnings
 import numpy as np
 from numpy.typing import ArrayLike
 
-from omni_platform import kinematics, quantities
-from omni_platform.configuration import ConfigurationWarning
+from omni_core import kinematics, quantities
+from omni_core.configuration import ConfigurationWarning
 from omni_sim.ground.elevation import ElevationConfiguration, elevation_at
 from omni_sim.ground.friction import FrictionMap
 from omni_sim.vehicle import dynamics, loads, placing, uneven_ground

@@ -19,8 +19,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from omni_platform.kernels import lean, lean_inline
-from omni_platform.quantities import FloatArray, IntArray
+from omni_core.kernels import lean, lean_inline
+from omni_core.quantities import FloatArray, IntArray
 
 
 class BrakePressure(NamedTuple):

@@ -19,7 +19,7 @@ command, so it does not lock the wheel.
 
 from typing import NamedTuple
 
-from omni_platform.kernels import lean_inline
+from omni_core.kernels import lean_inline
 from omni_sim.tire.interface.model import Curve
 from omni_sim.wheel.single import Patch, TireConstants, tire_force
 

@@ -27,8 +27,8 @@ resistance.
 
 import math
 
-from omni_platform.configuration import Configuration, parameter
-from omni_platform.kernels import lean
+from omni_core.configuration import Configuration, parameter
+from omni_core.kernels import lean
 
 
 class PassiveLossConfiguration(Configuration):

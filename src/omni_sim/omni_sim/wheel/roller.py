@@ -35,8 +35,8 @@ The model neglects the change of a roller's angular momentum as its axis rotates
 import math
 from typing import Any, NamedTuple
 
-from omni_platform.kernels import lean
-from omni_platform.quantities import Pair
+from omni_core.kernels import lean
+from omni_core.quantities import Pair
 from omni_sim.tire.combined_slip import curve_in_direction
 from omni_sim.wheel.drivetrain import Drive, Hub, Spin, wheel_step
 from omni_sim.wheel.single import Patch, TireConstants

@@ -13,7 +13,7 @@ fill the wheel's envelope, a circle of radius ``r``, so the wheel axis keeps its
 dissertation uses ``a_x`` for two quantities; in Eq. (10) it is the x coordinate of the wheel
 center.
 
-With the roller angle of `omni_platform.geometry`, ``delta = 90 deg + roller_angle``.
+With the roller angle of `omni_core.geometry`, ``delta = 90 deg + roller_angle``.
 """
 
 import dataclasses
@@ -24,10 +24,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from omni_platform.configuration import Configuration, ConfigurationError, parameter
-from omni_platform.geometry import WheelMount
-from omni_platform.kernels import lean
-from omni_platform.quantities import FloatArray
+from omni_core.configuration import Configuration, ConfigurationError, parameter
+from omni_core.geometry import WheelMount
+from omni_core.kernels import lean
+from omni_core.quantities import FloatArray
 
 AXIS = np.dtype([(name, np.float64) for name in ("u_x", "u_y", "cos", "sin", "distance")])
 """Constants of a wheel's rollers.
@@ -61,7 +61,7 @@ def roller_contact(gamma: float, roller: Any) -> tuple[float, ...]:
 
     Returns:
         Seven numbers: x and y of the active direction ``n_w`` in the body frame [1], with the sign
-        of `omni_platform.geometry`; x and y of the contact point relative to the point under the
+        of `omni_core.geometry`; x and y of the contact point relative to the point under the
         wheel center [m]; ``n_w . u`` with the rolling direction ``u`` of the wheel [1]; length of
         the horizontal part of the unit vector along the roller's axis [1]; height of the wheel's
         axis above the roller's axis at the contact [m].

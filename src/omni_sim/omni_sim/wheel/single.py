@@ -25,7 +25,7 @@ not creep.
 
 from typing import NamedTuple
 
-from omni_platform.kernels import lean_inline
+from omni_core.kernels import lean_inline
 from omni_sim.tire.interface.model import Curve, contact_friction
 
 

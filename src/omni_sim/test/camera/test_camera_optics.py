@@ -13,8 +13,8 @@ import yaml
 from exact_footprint import integrate_exactly
 from numpy.typing import NDArray
 
-from omni_platform.configuration import ConfigurationError, from_mapping
-from omni_platform.sensors import LineSensor
+from omni_core.configuration import ConfigurationError, from_mapping
+from omni_core.sensors import LineSensor
 from omni_sim.camera.camera import CameraConfiguration, LineCamera, LineCameraArray
 from omni_sim.texture.texture import GroundTexture, TextureConfiguration, generate_texture
 

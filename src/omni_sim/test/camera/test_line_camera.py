@@ -14,8 +14,8 @@ import yaml
 from exact_footprint import integrate_exactly
 from numpy.typing import NDArray
 
-from omni_platform.configuration import ConfigurationError, from_mapping
-from omni_platform.sensors import LineSensor, sensor_matrix
+from omni_core.configuration import ConfigurationError, from_mapping
+from omni_core.sensors import LineSensor, sensor_matrix
 from omni_sim.camera.camera import CameraConfiguration, LineCameraArray
 from omni_sim.texture.texture import GroundTexture, TextureConfiguration, generate_texture
 
@@ -158,7 +158,7 @@ _TURN_AROUND = """
 import math
 import sys
 import numpy as np
-from omni_platform.sensors import LineSensor
+from omni_core.sensors import LineSensor
 from omni_sim.texture.texture import GroundTexture
 from omni_sim.camera.camera import CameraConfiguration, LineCameraArray
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from omni_platform.quantities import FloatArray
+from omni_core.quantities import FloatArray
 from omni_sim.camera.batches import interpolate_poses
 
 STEP_NS = 500_000

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from omni_platform.sensors import FlowSensor, LineSensor
+from omni_core.sensors import FlowSensor, LineSensor
 from omni_sim.camera.camera import CameraConfiguration
 from omni_sim.configuration import (
     GroundConfiguration,

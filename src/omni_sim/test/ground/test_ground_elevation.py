@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from omni_platform.configuration import ConfigurationError
+from omni_core.configuration import ConfigurationError
 from omni_sim.ground.elevation import (
     BumpConfiguration,
     ElevationConfiguration,

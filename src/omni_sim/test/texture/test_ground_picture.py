@@ -11,7 +11,7 @@ import pytest
 from numpy.typing import NDArray
 from PIL import Image
 
-from omni_platform.configuration import ConfigurationError
+from omni_core.configuration import ConfigurationError
 from omni_sim.texture.cache import TextureCache
 from omni_sim.texture.picture import read_picture
 from omni_sim.texture.texture import PICTURE, TextureConfiguration, generate_texture

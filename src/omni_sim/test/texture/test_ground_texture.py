@@ -10,7 +10,7 @@ import pytest
 import yaml
 from numpy.typing import NDArray
 
-from omni_platform.configuration import ConfigurationError, from_mapping
+from omni_core.configuration import ConfigurationError, from_mapping
 from omni_sim.texture.cache import TextureCache
 from omni_sim.texture.texture import (
     KINDS,

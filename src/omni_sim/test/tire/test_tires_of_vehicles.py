@@ -11,8 +11,8 @@ import pytest
 import yaml
 from logged_steps import advance_logged, kinetic_energy
 
-from omni_platform.configuration import from_mapping
-from omni_platform.quantities import FloatArray
+from omni_core.configuration import from_mapping
+from omni_core.quantities import FloatArray
 from omni_sim.ground.friction import FrictionMap, FrictionPatch
 from omni_sim.tire.tire import Tire, TireConfiguration
 from omni_sim.vehicle.configuration import VehicleConfiguration

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from omni_platform.quantities import FloatArray
+from omni_core.quantities import FloatArray
 from omni_sim.vehicle.loads import (
     MassConfiguration,
     MassProperties,

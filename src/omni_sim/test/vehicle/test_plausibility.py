@@ -11,9 +11,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from omni_platform.brakes import BrakeConfiguration
-from omni_platform.configuration import ConfigurationWarning, to_mapping
-from omni_platform.geometry import WheelMount
+from omni_core.brakes import BrakeConfiguration
+from omni_core.configuration import ConfigurationWarning, to_mapping
+from omni_core.geometry import WheelMount
 from omni_sim.tire.tire import TireConfiguration
 from omni_sim.vehicle.configuration import DriveConfiguration, VehicleConfiguration
 from omni_sim.vehicle.loads import GRAVITY, MassConfiguration

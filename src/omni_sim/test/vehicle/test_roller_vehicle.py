@@ -11,8 +11,8 @@ import pytest
 from logged_steps import advance_logged, kinetic_energy
 from reference_equations import wheel_rate
 
-from omni_platform.configuration import ConfigurationError
-from omni_platform.quantities import FloatArray
+from omni_core.configuration import ConfigurationError
+from omni_core.quantities import FloatArray
 from omni_sim.configuration import SimulationConfiguration, SimulatorConfiguration
 from omni_sim.simulator import Simulator
 from omni_sim.vehicle.configuration import VehicleConfiguration

@@ -11,8 +11,8 @@ import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 
-from omni_platform.configuration import from_mapping
-from omni_platform.geometry import WheelMount
+from omni_core.configuration import from_mapping
+from omni_core.geometry import WheelMount
 from omni_sim.vehicle.rollers import Rollers, roller_remarks
 
 CONFIG = Path(__file__).parents[4] / "config"

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from logged_steps import advance_logged
 
-from omni_platform.configuration import ConfigurationError
-from omni_platform.quantities import FloatArray
+from omni_core.configuration import ConfigurationError
+from omni_core.quantities import FloatArray
 from omni_sim.ground.elevation import BumpConfiguration, ElevationConfiguration
 from omni_sim.vehicle.configuration import VehicleConfiguration, WheelCondition
 from omni_sim.vehicle.loads import GRAVITY

@@ -13,7 +13,7 @@ from logged_steps import advance_logged, kinetic_energy
 from numpy.typing import NDArray
 from reference_equations import wheel_contacts
 
-from omni_platform.configuration import from_mapping
+from omni_core.configuration import from_mapping
 from omni_sim.configuration import (
     GroundConfiguration,
     SimulationConfiguration,

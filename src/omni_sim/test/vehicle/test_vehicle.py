@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from logged_steps import Log, advance_logged
 
-from omni_platform.geometry import WheelMount
-from omni_platform.kinematics import PlatformKinematics
-from omni_platform.quantities import FloatArray
+from omni_core.geometry import WheelMount
+from omni_core.kinematics import PlatformKinematics
+from omni_core.quantities import FloatArray
 from omni_sim.ground.friction import FrictionMap, FrictionPatch
 from omni_sim.vehicle.configuration import VehicleConfiguration
 from omni_sim.vehicle.loads import GRAVITY, MassConfiguration

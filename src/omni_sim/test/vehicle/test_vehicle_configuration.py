@@ -7,9 +7,9 @@ import dataclasses
 import numpy as np
 import pytest
 
-from omni_platform.configuration import ConfigurationError
-from omni_platform.geometry import WheelMount
-from omni_platform.kinematics import PlatformKinematics, UnusablePlatformError
+from omni_core.configuration import ConfigurationError
+from omni_core.geometry import WheelMount
+from omni_core.kinematics import PlatformKinematics, UnusablePlatformError
 from omni_sim.tire.tire import TireConfiguration
 from omni_sim.vehicle.configuration import VehicleConfiguration
 from omni_sim.vehicle.loads import MassConfiguration

@@ -7,8 +7,8 @@ import dataclasses
 import numpy as np
 import pytest
 
-from omni_platform.configuration import ConfigurationError
-from omni_platform.quantities import FloatArray
+from omni_core.configuration import ConfigurationError
+from omni_core.quantities import FloatArray
 from omni_sim.ground.friction import FrictionMap, FrictionPatch
 from omni_sim.vehicle.configuration import VehicleConfiguration, WheelCondition
 from omni_sim.vehicle.vehicle import Vehicle

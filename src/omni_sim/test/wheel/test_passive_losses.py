@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from logged_steps import advance_logged, kinetic_energy
 
-from omni_platform.quantities import FloatArray
+from omni_core.quantities import FloatArray
 from omni_sim.ground.elevation import ElevationConfiguration
 from omni_sim.vehicle.configuration import VehicleConfiguration
 from omni_sim.vehicle.loads import GRAVITY, MassConfiguration

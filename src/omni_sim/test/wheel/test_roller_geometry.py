@@ -9,9 +9,9 @@ import pytest
 from reference_equations import roller_centers, wheel_rate
 from scipy.optimize import minimize_scalar
 
-from omni_platform.geometry import PlatformGeometry, WheelMount
-from omni_platform.kinematics import PlatformKinematics
-from omni_platform.quantities import FloatArray
+from omni_core.geometry import PlatformGeometry, WheelMount
+from omni_core.kinematics import PlatformKinematics
+from omni_core.quantities import FloatArray
 from omni_sim.wheel.roller_geometry import AXIS, RollerGeometry, nearest_roller, roller_contact
 
 ANGLES_DEG = [-45.0, 20.0, 45.0, 60.0]

@@ -6,14 +6,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from omni_loop.compiled import FastRun, run_fast_loop
-from omni_loop.experiment import ExperimentConfiguration, ExperimentLibrary
-from omni_platform.geometry import turned
-from omni_platform.quantities import FloatArray
+from omni_core.geometry import turned
+from omni_core.quantities import FloatArray
+from omni_runs.compiled import FastRun, run_fast_loop
+from omni_runs.experiment import ExperimentConfiguration, ExperimentLibrary
+from omni_runs.limit import bounds as limit
 from omni_sim.configuration import GroundConfiguration
 from omni_sim.vehicle.configuration import VehicleConfiguration
 from omni_studies.campaign.random_braking import RandomBraking, draw
-from omni_tools.limit import bounds as limit
 
 LAWS: dict[str, tuple[str, ...]] = {
     "unassisted": (),

@@ -14,11 +14,11 @@ from typing import NamedTuple
 import numpy as np
 
 from omni_brake_assist.configuration import AllocationConfiguration
-from omni_loop.compiled import run_fast_loop
-from omni_loop.experiment import ExperimentConfiguration, ExperimentLibrary
-from omni_loop.metrics import Metric
-from omni_platform.brakes import ON_OFF, PROPORTIONAL
-from omni_platform.quantities import FloatArray
+from omni_core.brakes import ON_OFF, PROPORTIONAL
+from omni_core.quantities import FloatArray
+from omni_runs.compiled import run_fast_loop
+from omni_runs.experiment import ExperimentConfiguration, ExperimentLibrary
+from omni_runs.metrics import Metric
 from omni_studies.campaign.random_braking import ALLOWED, RandomBraking, draw, without
 
 _KINDS = (PROPORTIONAL, ON_OFF)

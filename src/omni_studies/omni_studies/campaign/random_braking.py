@@ -18,8 +18,8 @@ from typing import Any, NamedTuple
 import numpy as np
 import yaml
 
-from omni_loop import compiled, experiment
-from omni_platform.configuration import ConfigurationError, to_mapping
+from omni_core.configuration import ConfigurationError, to_mapping
+from omni_runs import compiled, experiment
 from omni_sim.driver.scripted import ManeuverConfiguration
 from omni_sim.ground.friction import FrictionPatch
 from omni_sim.vehicle.loads import MassConfiguration

@@ -17,8 +17,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from omni_loop.compiled import FastRun, run_fast_loop
-from omni_loop.experiment import WITHOUT_CAMERAS, ExperimentConfiguration, ExperimentLibrary
+from omni_runs.compiled import FastRun, run_fast_loop
+from omni_runs.experiment import WITHOUT_CAMERAS, ExperimentConfiguration, ExperimentLibrary
 from omni_sim.faults import CHANNELS, KINDS, FaultConfiguration
 from omni_sim.vehicle.configuration import WheelCondition
 from omni_tools.campaign.runner import digest

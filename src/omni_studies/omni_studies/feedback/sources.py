@@ -14,9 +14,9 @@ from collections import deque
 
 import numpy as np
 
-from omni_platform import quantities, signals
-from omni_platform.kinematics import PlatformKinematics
-from omni_platform.sensors import COUNT_DEVIATION, FlowSensor, sensor_matrix
+from omni_core import quantities, signals
+from omni_core.kinematics import PlatformKinematics
+from omni_core.sensors import COUNT_DEVIATION, FlowSensor, sensor_matrix
 from omni_sim.velocity_sensor import SMALLEST_DEVIATION
 
 MODEL, WHEELS, NOTHING = "model", "wheels", "nothing"

@@ -9,7 +9,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, Rectangle
 
 from omni_brake_assist.weighting import weighting_function
-from omni_figures import style
+from omni_runs.figures import style
 from omni_studies.identification import table_2
 from omni_studies.identification.identification import QUANTITIES
 from omni_studies.identification.sensitivity import Sensitivity

@@ -18,10 +18,10 @@ from typing import Any
 
 import numpy as np
 
-from omni_loop.compiled import run_fast_loop
-from omni_loop.experiment import ExperimentConfiguration
-from omni_platform import kinematics, quantities
-from omni_platform.configuration import ConfigurationError
+from omni_core import kinematics, quantities
+from omni_core.configuration import ConfigurationError
+from omni_runs.compiled import run_fast_loop
+from omni_runs.experiment import ExperimentConfiguration
 from omni_sim.ground.friction import FrictionPatch
 from omni_sim.vehicle.configuration import VehicleConfiguration
 from omni_sim.vehicle.loads import GRAVITY, MassConfiguration, load_plane

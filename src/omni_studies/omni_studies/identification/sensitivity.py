@@ -13,8 +13,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from omni_loop.experiment import ExperimentConfiguration, ExperimentLibrary
-from omni_platform import configuration, quantities
+from omni_core import configuration, quantities
+from omni_runs.experiment import ExperimentConfiguration, ExperimentLibrary
 from omni_studies.identification import identification, table_2
 
 _OFFSETS = (-2, -1, 0, 1, 2)  # [steps]

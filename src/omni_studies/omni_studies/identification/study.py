@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from ruamel.yaml import YAML
 
-from omni_loop.experiment import ExperimentConfiguration
-from omni_loop.metrics import Metric
-from omni_platform.configuration import Configuration, parameter, to_mapping
+from omni_core.configuration import Configuration, parameter, to_mapping
+from omni_runs.experiment import ExperimentConfiguration
+from omni_runs.metrics import Metric
 from omni_studies.identification import figures, identification, sensitivity, table_2
 from omni_studies.study import StudyResult, StudyRun
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 
-from omni_loop.metrics import Metric
+from omni_runs.metrics import Metric
 
 CASES = ("unassisted", "zero", "cosine", "k1", "k7")
 """Variants of the experiment ``turn_while_translate``, in the order of the table's columns."""

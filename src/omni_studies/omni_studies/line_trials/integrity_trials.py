@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from linescan_odometry.odometry import LineScanOdometry, OdometryConfiguration
-from omni_platform.quantities import FloatArray
-from omni_platform.sensors import LineSensor, sensor_matrix
-from omni_platform.signals import LineBatch
+from omni_core.quantities import FloatArray
+from omni_core.sensors import LineSensor, sensor_matrix
+from omni_core.signals import LineBatch
 from omni_sim.camera.camera import CameraConfiguration, LineCameraArray
 from omni_sim.texture.picture import read_picture
 from omni_sim.texture.texture import GroundTexture

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from omni_platform.quantities import FloatArray
+from omni_core.quantities import FloatArray
 from omni_tools.line_trials import rig, trials
 
 LENGTHS = tuple(0.01 * i for i in range(1, 8))

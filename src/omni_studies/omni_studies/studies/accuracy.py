@@ -21,11 +21,11 @@ from matplotlib.figure import Figure
 
 from linescan_odometry.matching.search import METRICS
 from linescan_odometry.odometry import OdometryConfiguration
-from omni_figures import style
-from omni_loop.metrics import Metric
-from omni_platform.configuration import Configuration, parameter
-from omni_platform.quantities import FloatArray
-from omni_platform.sensors import LineSensor
+from omni_core.configuration import Configuration, parameter
+from omni_core.quantities import FloatArray
+from omni_core.sensors import LineSensor
+from omni_runs.figures import style
+from omni_runs.metrics import Metric
 from omni_studies.study import StudyResult, StudyRun
 from omni_tools.line_trials import trials as line_trials
 from omni_tools.line_trials.rig import Rig, View, camera, ground

@@ -21,18 +21,18 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from omni_figures import style
-from omni_figures.scene import Scene
-from omni_figures.time_series import time_series, while_braking
-from omni_figures.top_view import top_view
-from omni_loop import compiled, loop
-from omni_loop.experiment import ExperimentConfiguration, ExperimentLibrary
-from omni_loop.history import RunHistory
-from omni_loop.metrics import Metric, run_metrics
-from omni_loop.options import LoopOptions
-from omni_platform.command_options import overrides_option
-from omni_platform.configuration import Configuration, parameter
-from omni_platform.quantities import FloatArray
+from omni_core.commands.command_options import overrides_option
+from omni_core.configuration import Configuration, parameter
+from omni_core.quantities import FloatArray
+from omni_runs import compiled, loop
+from omni_runs.experiment import ExperimentConfiguration, ExperimentLibrary
+from omni_runs.figures import style
+from omni_runs.figures.scene import Scene
+from omni_runs.figures.time_series import time_series, while_braking
+from omni_runs.figures.top_view import top_view
+from omni_runs.history import RunHistory
+from omni_runs.metrics import Metric, run_metrics
+from omni_runs.sweep.options import LoopOptions
 from omni_studies.identification import study as table_2
 from omni_studies.identification.table_2 import TWIST_ALONE
 from omni_studies.study import StudyResult, StudyRun

@@ -17,12 +17,12 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from linescan_odometry.sensor import SensorOdometry
-from omni_figures import style
-from omni_loop.experiment import ExperimentLibrary
-from omni_loop.metrics import Metric
-from omni_platform.configuration import parameter
-from omni_platform.quantities import FloatArray
-from omni_platform.sensors import OVERLAP
+from omni_core.configuration import parameter
+from omni_core.quantities import FloatArray
+from omni_core.sensors import OVERLAP
+from omni_runs.experiment import ExperimentLibrary
+from omni_runs.figures import style
+from omni_runs.metrics import Metric
 from omni_sim.texture.texture import GroundTexture
 from omni_studies import line_options
 from omni_studies.error_map import Scale, draw_error_maps, view_lengths

@@ -20,10 +20,10 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from linescan_odometry.configuration import METHODS
-from omni_figures import style
-from omni_loop.metrics import Metric
-from omni_platform.configuration import Configuration, parameter
-from omni_platform.quantities import Float32Array, FloatArray
+from omni_core.configuration import Configuration, parameter
+from omni_core.quantities import Float32Array, FloatArray
+from omni_runs.figures import style
+from omni_runs.metrics import Metric
 from omni_sim.camera.camera import CameraConfiguration
 from omni_sim.texture.texture import GroundTexture
 from omni_studies.line_trials import integrity_trials as trials

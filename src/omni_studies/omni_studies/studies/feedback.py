@@ -12,40 +12,37 @@ as ``straight_line``. In all other stops, an error model replaces the cameras.
 from __future__ import annotations
 
 import dataclasses
-import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from matplotlib.figure import Figure
 
-from omni_brake_assist.configuration import BrakeAssistConfiguration
-from omni_figures import style
-from omni_loop.compiled import run_fast_loop
-from omni_loop.experiment import ExperimentConfiguration, ExperimentLibrary, short_name
-from omni_loop.ground_choice import prepare_grounds
-from omni_loop.loop import run_closed_loop
-from omni_loop.metrics import Metric, run_metrics
-from omni_platform.brakes import TYPICAL, typical_changes
-from omni_platform.configuration import ConfigurationError, parameter
-from omni_platform.kinematics import PlatformKinematics
-from omni_platform.sensors import LineSensor
+from omni_core.brakes import TYPICAL, typical_changes
+from omni_core.configuration import ConfigurationError, parameter
+from omni_core.kinematics import PlatformKinematics
+from omni_core.sensors import LineSensor
+from omni_runs.compiled import run_fast_loop
+from omni_runs.experiment import ExperimentConfiguration, ExperimentLibrary, short_name
+from omni_runs.figures import style
+from omni_runs.ground_choice import prepare_grounds
+from omni_runs.loop import run_closed_loop
+from omni_runs.metrics import Metric, run_metrics
 from omni_sim.texture.cache import TextureCache
 from omni_sim.vehicle.configuration import VehicleConfiguration
 from omni_sim.vehicle.loads import MassConfiguration
 from omni_studies.feedback.sources import SOURCES, SourceModel
 from omni_studies.study import StudyResult, StudyRun
 from omni_tools.campaign.runner import CampaignOptions, digest
+from omni_tools.ros_params.feedback_results import conditions_of, harm_sentence
 
 _LAWS = ("sliding_mode", "allocation")
 _UNASSISTED = "unassisted"
 _NAMED = "named"
 _EXPERIMENTS = ("straight_line", "three_wheel_diagonal", "ice_patch", "turn_while_translate")
 _VEHICLES = ("mecanum_forklift", "three_wheel_robot", "six_wheel_mecanum")
-_SENTENCE = ("harm", "distance_ratio_p95", "rotation_p95", "rotation_unassisted_p95")
 _HEAVIEST_LOAD = 0.4  # largest random load, divided by the mass of the vehicle [1]
 
 
@@ -263,14 +260,8 @@ def run(options: Options, study: StudyRun) -> StudyResult:
     for vehicle in cases.groups:
         study.figure(f"{vehicle}.png", _figure(table, vehicle, options.source))
     bases = cases.bases.items()
-    conditions = {name: _conditions(one.brake_assist, one.imu.enabled) for name, one in bases}
+    conditions = {name: conditions_of(one.brake_assist, one.imu.enabled) for name, one in bases}
     return dataclasses.replace(study.result(metrics, *_findings(table)), conditions=conditions)
-
-
-def _conditions(assistant: BrakeAssistConfiguration, imu: bool) -> dict[str, Any]:
-    """Return the brakes that the assistant assumes, and whether there is an IMU, keyed by name."""
-    brake = {f"brake.{key}": value for key, value in dataclasses.asdict(assistant.brake).items()}
-    return {"imu": imu, "minimum_dwell_time": assistant.minimum_dwell_time, **brake}
 
 
 def _results(rows: Sequence[Stop], vehicle: str, law: str, source: str) -> dict[str, float]:
@@ -303,18 +294,11 @@ def _results(rows: Sequence[Stop], vehicle: str, law: str, source: str) -> dict[
 
 
 def _findings(table: Table) -> list[str]:
-    return [_sentence(*key, found) for key, found in table.items() if found["harm"]] or [
-        "Assistance does more harm than good with none of these sources"
-    ]
-
-
-def _sentence(vehicle: str, law: str, source: str, found: Mapping[str, float]) -> str:
-    return (
-        f"{vehicle}: with {SOURCES[source].label} and {law}, assistance does more harm than good "
-        f"(95th percentile: {found['distance_ratio_p95']:.2f} times the distance, "
-        f"{found['rotation_p95']:.1f} deg; "
-        f"without {found['rotation_unassisted_p95']:.1f} deg)"
-    )
+    harmful = {key: found for key, found in table.items() if found["harm"]}
+    return [
+        harm_sentence(vehicle, law, SOURCES[source].label, found)
+        for (vehicle, law, source), found in harmful.items()
+    ] or ["Assistance does more harm than good with none of these sources"]
 
 
 def _harms(
@@ -336,46 +320,6 @@ def _harms(
     ratio, high = found["distance_ratio_median"], found["distance_ratio_p95"]
     turned, free = found["rotation_p95"], found["rotation_unassisted_p95"]
     return turned > free + turn or high > worst or (ratio > longer and turned > free)
-
-
-def warning(
-    summary: Path, vehicle: str, source: str, assistant: BrakeAssistConfiguration, imu: bool
-) -> str:
-    """Return a warning if assistance does more harm than good; otherwise an empty text.
-
-    Args:
-        summary: ``summary.json`` of a run of this study.
-        vehicle: name of the vehicle.
-        source: source of the twist.
-        assistant: configuration of the assistant, with the law and the brakes of the vehicle.
-        imu: whether the vehicle has an IMU.
-
-    Raises:
-        ConfigurationError: the file does not contain this vehicle with these brakes, with or
-            without an IMU, or not this law and source.
-    """
-    law, wanted = assistant.law, _conditions(assistant, imu)
-    found = {}
-    try:
-        document = json.loads(summary.read_text(encoding="utf-8"))
-        if (measured := document["conditions"][vehicle]) != wanted:
-            raise LookupError(f"its stops have {dict(measured.items() - wanted.items())}")
-        for quantity in _SENTENCE:
-            value = document["metrics"][f"{quantity}.{vehicle}_{law}_{source}"]["value"]
-            found[quantity] = math.inf if value is None else value
-    except OSError as error:
-        problem = (
-            f"cannot be read ({error.strerror}); run ./omni study feedback --vehicle FOLDER, or "
-            "name the summary.json of such a run as --feedback"
-        )
-        raise ConfigurationError(str(summary), problem) from None
-    except (ValueError, LookupError, TypeError) as error:
-        problem = (
-            f"has no stops of {vehicle} with {source} and {law} ({error}); "
-            f"run ./omni study feedback --vehicle FOLDER{'' if imu else ' --without-imu'}"
-        )
-        raise ConfigurationError(str(summary), problem) from None
-    return _sentence(vehicle, law, source, found) if found["harm"] else ""
 
 
 def _figure(table: Table, vehicle: str, sources: Sequence[str]) -> Figure:

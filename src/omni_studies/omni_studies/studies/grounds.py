@@ -22,10 +22,10 @@ import scipy
 from matplotlib.figure import Figure
 from scipy.spatial import distance
 
-from omni_figures import style
-from omni_loop.metrics import Metric
-from omni_platform.quantities import FloatArray
-from omni_platform.sensors import OVERLAP, LineSensor
+from omni_core.quantities import FloatArray
+from omni_core.sensors import OVERLAP, LineSensor
+from omni_runs.figures import style
+from omni_runs.metrics import Metric
 from omni_sim.camera.camera import CameraConfiguration, LineCameraArray
 from omni_sim.texture.texture import GroundTexture
 from omni_studies import line_options

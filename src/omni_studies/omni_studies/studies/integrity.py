@@ -23,10 +23,10 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from linescan_odometry.configuration import METHODS, OdometryConfiguration
-from omni_figures import style
-from omni_loop.metrics import Metric
-from omni_platform.command_options import option
-from omni_platform.configuration import parameter
+from omni_core.commands.command_options import option
+from omni_core.configuration import parameter
+from omni_runs.figures import style
+from omni_runs.metrics import Metric
 from omni_studies.claims import limited
 from omni_studies.line_trials import integrity_trials as trials
 from omni_studies.study import StudyResult, StudyRun

@@ -15,18 +15,18 @@ from typing import NamedTuple
 import numpy as np
 from matplotlib.figure import Figure
 
-from omni_figures import style
-from omni_loop.compiled import run_fast_loop
-from omni_loop.experiment import ExperimentLibrary
-from omni_loop.loop import run_closed_loop
-from omni_loop.metrics import Metric, run_metrics
-from omni_platform.brakes import typical_changes
-from omni_platform.configuration import ConfigurationError, parameter
+from omni_core.brakes import typical_changes
+from omni_core.configuration import ConfigurationError, parameter
+from omni_runs.compiled import run_fast_loop
+from omni_runs.experiment import ExperimentLibrary
+from omni_runs.figures import style
+from omni_runs.limit.bounds import any_heading_bound, maneuver_of, straight_bound
+from omni_runs.loop import run_closed_loop
+from omni_runs.metrics import Metric, run_metrics
 from omni_studies.campaign import law_trials
 from omni_studies.campaign.bound_trials import LAWS, BoundTrial, BoundTrials, below, over_bound
 from omni_studies.study import StudyResult, StudyRun
 from omni_tools.campaign.runner import CampaignOptions, digest
-from omni_tools.limit.bounds import any_heading_bound, maneuver_of, straight_bound
 from omni_tools.limit.front import IDEAL
 
 CASES = {

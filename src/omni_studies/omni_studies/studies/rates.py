@@ -13,11 +13,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from omni_loop.compiled import run_fast_loop
-from omni_loop.experiment import ExperimentLibrary
-from omni_loop.metrics import Metric
-from omni_platform.configuration import parameter
-from omni_platform.quantities import FloatArray
+from omni_core.configuration import parameter
+from omni_core.quantities import FloatArray
+from omni_runs.compiled import run_fast_loop
+from omni_runs.experiment import ExperimentLibrary
+from omni_runs.metrics import Metric
 from omni_studies.campaign.random_braking import ALLOWED, RandomBraking, draw, without
 from omni_studies.campaign.sensor_faults import LAWS
 from omni_studies.study import StudyResult, StudyRun

@@ -22,11 +22,11 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import PercentFormatter
 
 from linescan_odometry.configuration import METHODS, OdometryConfiguration
-from omni_figures import style
-from omni_loop.metrics import Metric
-from omni_platform.configuration import parameter
-from omni_platform.quantities import FloatArray
-from omni_platform.sensors import LineSensor
+from omni_core.configuration import parameter
+from omni_core.quantities import FloatArray
+from omni_core.sensors import LineSensor
+from omni_runs.figures import style
+from omni_runs.metrics import Metric
 from omni_sim.texture.texture import GroundTexture
 from omni_studies import line_options
 from omni_studies.line_trials import view_grid

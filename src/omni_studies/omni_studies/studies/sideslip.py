@@ -17,12 +17,12 @@ from matplotlib.ticker import FormatStrFormatter
 
 from linescan_odometry.configuration import SideslipWheel
 from linescan_odometry.sideslip import SideslipConfiguration, SideslipMeter
-from omni_figures import style
-from omni_loop.experiment import ExperimentLibrary
-from omni_loop.metrics import Metric
-from omni_platform.configuration import ConfigurationError, parameter
-from omni_platform.quantities import FloatArray
-from omni_platform.sensors import LineSensor
+from omni_core.configuration import ConfigurationError, parameter
+from omni_core.quantities import FloatArray
+from omni_core.sensors import LineSensor
+from omni_runs.experiment import ExperimentLibrary
+from omni_runs.figures import style
+from omni_runs.metrics import Metric
 from omni_sim.texture.texture import GroundTexture
 from omni_studies import line_options
 from omni_studies.study import StudyResult, StudyRun

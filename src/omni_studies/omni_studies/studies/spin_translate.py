@@ -18,14 +18,14 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from omni_figures import style
-from omni_figures.scene import Scene
-from omni_figures.top_view import top_view
-from omni_loop.history import RunHistory
-from omni_loop.metrics import Metric
-from omni_platform.configuration import Configuration, parameter
-from omni_platform.geometry import turned
-from omni_platform.quantities import FloatArray
+from omni_core.configuration import Configuration, parameter
+from omni_core.geometry import turned
+from omni_core.quantities import FloatArray
+from omni_runs.figures import style
+from omni_runs.figures.scene import Scene
+from omni_runs.figures.top_view import top_view
+from omni_runs.history import RunHistory
+from omni_runs.metrics import Metric
 from omni_sim.configuration import SimulationConfiguration
 from omni_sim.vehicle.configuration import VehicleConfiguration
 from omni_sim.vehicle.vehicle import Vehicle

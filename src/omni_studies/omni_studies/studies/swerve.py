@@ -17,14 +17,13 @@ from matplotlib.patches import Polygon
 
 from omni_brake_assist.laws.sliding_mode import SlidingManifold
 from omni_brake_assist.weighting import weighting_function
-from omni_figures import style
-from omni_figures.scene import Scene, ahead_up
-from omni_loop.metrics import Metric
-from omni_platform.configuration import Configuration, parameter
-from omni_platform.geometry import PlatformGeometry, cross
-from omni_platform.quantities import FloatArray
+from omni_core.configuration import Configuration, parameter
+from omni_core.geometry import PlatformGeometry, cross
+from omni_core.quantities import FloatArray, plain
+from omni_runs.figures import style
+from omni_runs.figures.scene import Scene, ahead_up
+from omni_runs.metrics import Metric
 from omni_sim.vehicle.configuration import VehicleConfiguration
-from omni_sim.vehicle.plausibility import plain
 from omni_sim.vehicle.vehicle import Vehicle
 from omni_studies.identification.figures import weighting_functions
 from omni_studies.study import StudyResult, StudyRun

@@ -10,12 +10,12 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from omni_figures import style
-from omni_loop.experiment import ExperimentLibrary
-from omni_loop.metrics import Metric
-from omni_platform.configuration import Configuration, ConfigurationError, parameter
-from omni_platform.geometry import turned
-from omni_platform.quantities import FloatArray
+from omni_core.configuration import Configuration, ConfigurationError, parameter
+from omni_core.geometry import turned
+from omni_core.quantities import FloatArray
+from omni_runs.experiment import ExperimentLibrary
+from omni_runs.figures import style
+from omni_runs.metrics import Metric
 from omni_sim.configuration import SimulationConfiguration
 from omni_sim.tire.combined_slip import combined_forces
 from omni_sim.tire.models import tmeasy

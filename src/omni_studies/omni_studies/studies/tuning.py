@@ -18,12 +18,12 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from omni_figures import style
-from omni_loop.experiment import WITHOUT_CAMERAS, short_name
-from omni_loop.metrics import Metric
-from omni_loop.options import LoopOptions
-from omni_platform.command_options import option
-from omni_platform.configuration import ConfigurationError, parameter
+from omni_core.commands.command_options import option
+from omni_core.configuration import ConfigurationError, parameter
+from omni_runs.experiment import WITHOUT_CAMERAS, short_name
+from omni_runs.figures import style
+from omni_runs.metrics import Metric
+from omni_runs.sweep.options import LoopOptions
 from omni_studies.study import StudyResult, StudyRun
 from omni_studies.tuning import trials
 from omni_studies.tuning.trials import OFF, BrakeLag, Setting, Trial, distance_at, front

@@ -23,12 +23,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from matplotlib.figure import Figure
 
-from omni_figures import style
-from omni_loop.experiment import WITHOUT_CAMERAS
-from omni_loop.history import RunHistory
-from omni_loop.loop import run_closed_loop
-from omni_loop.metrics import Metric, run_metrics
-from omni_platform.configuration import Configuration, parameter
+from omni_core.configuration import Configuration, parameter
+from omni_runs.experiment import WITHOUT_CAMERAS
+from omni_runs.figures import style
+from omni_runs.history import RunHistory
+from omni_runs.loop import run_closed_loop
+from omni_runs.metrics import Metric, run_metrics
 from omni_sim.vehicle.configuration import VehicleConfiguration, WheelCondition
 from omni_sim.vehicle.mujoco_vehicle import MujocoVehicle, load_mujoco
 from omni_sim.vehicle.suspension import SuspensionConfiguration

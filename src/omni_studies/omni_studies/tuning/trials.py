@@ -15,9 +15,9 @@ from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
-from omni_loop.compiled import run_fast_loop
-from omni_loop.experiment import ExperimentConfiguration
-from omni_platform.quantities import FloatArray
+from omni_core.quantities import FloatArray
+from omni_runs.compiled import run_fast_loop
+from omni_runs.experiment import ExperimentConfiguration
 from omni_sim.configuration import GroundConfiguration
 from omni_sim.ground.friction import FrictionPatch
 from omni_tools.campaign.runner import digest

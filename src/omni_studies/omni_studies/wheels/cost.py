@@ -10,7 +10,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from omni_platform.quantities import FloatArray
+from omni_core.quantities import FloatArray
 from omni_sim.vehicle.configuration import VehicleConfiguration
 from omni_studies.wheels.trials import TRIALS, advance, start
 

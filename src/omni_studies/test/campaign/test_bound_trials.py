@@ -8,12 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from omni_loop.compiled import run_fast_loop
-from omni_loop.experiment import ExperimentLibrary
-from omni_sim.configuration import GroundConfiguration
-from omni_studies.campaign.bound_trials import LAWS, BoundTrial, BoundTrials, _kept, below
-from omni_studies.study import StudyRun, load_study
-from omni_tools.limit.bounds import (
+from omni_runs.compiled import run_fast_loop
+from omni_runs.experiment import ExperimentLibrary
+from omni_runs.limit.bounds import (
     Maneuver,
     any_heading_bound,
     any_heading_sketch,
@@ -21,6 +18,9 @@ from omni_tools.limit.bounds import (
     straight_bound,
     straight_sketch,
 )
+from omni_sim.configuration import GroundConfiguration
+from omni_studies.campaign.bound_trials import LAWS, BoundTrial, BoundTrials, _kept, below
+from omni_studies.study import StudyRun, load_study
 
 CONFIG = Path(__file__).resolve().parents[4] / "config"
 

@@ -16,9 +16,9 @@ import numpy as np
 import pytest
 from local_cluster import local_client
 
-from omni_loop.compiled import run_fast_loop
-from omni_loop.experiment import ExperimentLibrary
-from omni_platform.configuration import ConfigurationError
+from omni_core.configuration import ConfigurationError
+from omni_runs.compiled import run_fast_loop
+from omni_runs.experiment import ExperimentLibrary
 from omni_sim.vehicle.loads import MassProperties
 from omni_studies.campaign.random_braking import (
     Outcome,

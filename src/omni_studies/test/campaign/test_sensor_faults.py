@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from omni_loop.compiled import run_fast_loop
-from omni_loop.experiment import ExperimentLibrary
+from omni_runs.compiled import run_fast_loop
+from omni_runs.experiment import ExperimentLibrary
 from omni_studies.campaign.sensor_faults import (
     Fault,
     FaultyStops,

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from omni_loop.experiment import ExperimentConfiguration, ExperimentLibrary
+from omni_runs.experiment import ExperimentConfiguration, ExperimentLibrary
 from omni_studies.identification import table_2
 from omni_studies.identification.identification import (
     QUANTITIES,

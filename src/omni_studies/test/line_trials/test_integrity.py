@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from omni_loop.experiment import ExperimentLibrary
-from omni_loop.metrics import Metric
-from omni_platform.command_options import parse_options
+from omni_core.commands.command_options import parse_options
+from omni_runs.experiment import ExperimentLibrary
+from omni_runs.metrics import Metric
 from omni_studies.line_trials.integrity_trials import FAULTS, Ground, Motion, Tally, drive_over
 from omni_studies.studies import integrity
 from omni_studies.study import StudyRun

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from linescan_odometry.matching.search import METRICS
-from omni_loop.experiment import ExperimentLibrary
-from omni_platform.command_options import parse_options
-from omni_platform.configuration import ConfigurationError
-from omni_platform.plugins import described_modules
+from omni_core.commands.command_options import parse_options
+from omni_core.configuration import ConfigurationError
+from omni_core.plugins import described_modules
+from omni_runs.experiment import ExperimentLibrary
 from omni_sim.texture.texture import GroundTexture
 from omni_studies.line_trials import view_grid
 from omni_studies.studies import (

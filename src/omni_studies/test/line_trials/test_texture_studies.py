@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from omni_loop.experiment import ExperimentLibrary
-from omni_platform.command_options import parse_options
-from omni_platform.configuration import ConfigurationError
+from omni_core.commands.command_options import parse_options
+from omni_core.configuration import ConfigurationError
+from omni_runs.experiment import ExperimentLibrary
 from omni_sim.texture.texture import GroundTexture, TextureConfiguration, generate_texture
 from omni_studies.line_trials.view_grid import GROUP, MOTION
 from omni_studies.study import StudyRun, load_study

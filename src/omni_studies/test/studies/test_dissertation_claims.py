@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from omni_loop.experiment import ExperimentLibrary
-from omni_platform.command_options import parse_options
+from omni_core.commands.command_options import parse_options
+from omni_runs.experiment import ExperimentLibrary
 from omni_studies.studies.braking import (
     ExperimentRuns,
     largest_error,

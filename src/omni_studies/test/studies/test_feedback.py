@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from omni_loop.experiment import ExperimentLibrary
-from omni_platform.geometry import WheelMount
-from omni_platform.kinematics import PlatformKinematics
-from omni_platform.signals import UNMEASURED_VARIANCE
+from omni_core.geometry import WheelMount
+from omni_core.kinematics import PlatformKinematics
+from omni_core.signals import UNMEASURED_VARIANCE
+from omni_runs.experiment import ExperimentLibrary
 from omni_studies.feedback.sources import SOURCES, SourceModel
 from omni_studies.studies import feedback
 from omni_studies.study import StudyRun

@@ -9,15 +9,15 @@ import numpy as np
 import pytest
 
 from omni_brake_assist.configuration import AllocationConfiguration
-from omni_loop.compiled import FastRun, run_fast_loop
-from omni_loop.experiment import ExperimentLibrary
-from omni_platform.brakes import SPRING, typical_changes
-from omni_platform.configuration import ConfigurationError
+from omni_core.brakes import SPRING, typical_changes
+from omni_core.configuration import ConfigurationError
+from omni_runs.compiled import FastRun, run_fast_loop
+from omni_runs.experiment import ExperimentLibrary
+from omni_runs.limit.bounds import maneuver_of, straight_bound
 from omni_studies.campaign.law_trials import NEUTRAL, LawTrials, compare
 from omni_studies.claims import limited
 from omni_studies.studies import laws
 from omni_studies.study import StudyRun
-from omni_tools.limit.bounds import maneuver_of, straight_bound
 
 LIBRARY = ExperimentLibrary(Path(__file__).resolve().parents[4] / "config")
 PROPORTIONAL = "vehicle.brake.kind=proportional"

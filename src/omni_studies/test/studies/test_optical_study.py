@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from omni_loop.compiled import run_fast_loop
-from omni_loop.experiment import ExperimentLibrary
-from omni_loop.history import RunHistory
-from omni_platform.command_options import parse_options
+from omni_core.commands.command_options import parse_options
+from omni_runs.compiled import run_fast_loop
+from omni_runs.experiment import ExperimentLibrary
+from omni_runs.history import RunHistory
 from omni_studies.studies.braking import OPTIONS, odometry_lag
 from omni_studies.study import StudyRun, load_study
 

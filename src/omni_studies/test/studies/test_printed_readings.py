@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from omni_brake_assist.laws.sliding_mode import SlidingManifold
 from omni_brake_assist.weighting import weighting_function
-from omni_loop.compiled import run_fast_loop
-from omni_loop.experiment import ExperimentLibrary
-from omni_platform.kinematics import PlatformKinematics
+from omni_core.kinematics import PlatformKinematics
+from omni_runs.compiled import run_fast_loop
+from omni_runs.experiment import ExperimentLibrary
 from omni_sim.tire.tire import Tire, TireConfiguration
 from omni_tools.line_trials.trials import error_values
 

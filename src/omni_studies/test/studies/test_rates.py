@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from omni_loop.experiment import ExperimentLibrary
+from omni_runs.experiment import ExperimentLibrary
 from omni_studies.studies import rates
 from omni_studies.study import StudyRun, run_study
 

@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from omni_loop.experiment import ExperimentLibrary
-from omni_platform.command_options import parse_options
-from omni_platform.configuration import ConfigurationError
-from omni_platform.sensors import LineSensor
+from omni_core.commands.command_options import parse_options
+from omni_core.configuration import ConfigurationError
+from omni_core.sensors import LineSensor
+from omni_runs.experiment import ExperimentLibrary
 from omni_studies.studies import sideslip
 from omni_studies.studies.sideslip import Angles
 from omni_studies.study import StudyResult, StudyRun

@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from omni_loop.experiment import ExperimentLibrary
-from omni_platform.command_options import parse_options
-from omni_platform.configuration import ConfigurationError
+from omni_core.commands.command_options import parse_options
+from omni_core.configuration import ConfigurationError
+from omni_runs.experiment import ExperimentLibrary
 from omni_sim.tire.tire import TireConfiguration
 from omni_sim.vehicle.configuration import VehicleConfiguration
 from omni_sim.vehicle.loads import MassConfiguration

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from omni_loop.experiment import ExperimentLibrary
+from omni_runs.experiment import ExperimentLibrary
 from omni_studies.studies import swerve
 from omni_studies.study import StudyRun, run_study
 

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from omni_loop.experiment import ExperimentLibrary
-from omni_platform.configuration import ConfigurationError
+from omni_core.configuration import ConfigurationError
+from omni_runs.experiment import ExperimentLibrary
 from omni_sim.vehicle.configuration import VehicleConfiguration
 from omni_studies.studies import tires
 from omni_studies.study import StudyRun, run_study

@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from omni_loop.compiled import run_fast_loop
-from omni_loop.experiment import ExperimentLibrary
-from omni_platform.command_options import parse_options
+from omni_core.commands.command_options import parse_options
+from omni_runs.compiled import run_fast_loop
+from omni_runs.experiment import ExperimentLibrary
 from omni_studies.studies.tuning import _labels
 from omni_studies.study import StudyResult, StudyRun, load_study
 from omni_studies.tuning.trials import (

@@ -5,9 +5,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from omni_loop.recorded_run import Stream, demand, measured_twist, ordered, read_streams
-from omni_platform import brakes, configuration, quantities, topics
+from omni_core import brakes, configuration, quantities, topics
 from omni_recording.folder import open_vehicle
+from omni_runs.recorded_run import Stream, demand, measured_twist, ordered, read_streams
 
 _WHEELS, _PEDAL, _ENABLE = topics.WHEEL_STATES.name, topics.PEDAL.name, topics.ENABLE.name
 _TWISTS = (topics.TWIST, topics.VELOCITY_SENSOR, topics.GROUND_TRUTH)

@@ -30,11 +30,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from matplotlib.figure import Figure
 
-from omni_figures import style
-from omni_platform.configuration import WorkError
-from omni_platform.geometry import PlatformGeometry, cross, turned
-from omni_platform.kinematics import PlatformKinematics
-from omni_platform.quantities import BoolArray, FloatArray, IntArray
+from omni_core.configuration import WorkError
+from omni_core.geometry import PlatformGeometry, cross, turned
+from omni_core.kinematics import PlatformKinematics
+from omni_core.quantities import BoolArray, FloatArray, IntArray
+from omni_runs.figures import style
 from omni_sim.vehicle import configuration
 from omni_tools.brakes.data import BrakeData, BrakeDataError
 

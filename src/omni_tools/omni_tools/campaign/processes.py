@@ -14,7 +14,7 @@ from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wai
 from concurrent.futures.process import BrokenProcessPool
 from typing import Any
 
-from omni_platform.background import ALONE
+from omni_core.background import ALONE
 
 Run = Callable[[Sequence[int]], Any]
 _run: Run  # set in each worker; not pickled

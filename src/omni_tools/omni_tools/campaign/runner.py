@@ -37,9 +37,9 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Generic, TypeVar, get_type_hints
 
-from omni_platform import configuration
-from omni_platform.command_options import option
-from omni_platform.configuration import Configuration, ConfigurationError, parameter, to_mapping
+from omni_core import configuration
+from omni_core.commands.command_options import option
+from omni_core.configuration import Configuration, ConfigurationError, parameter, to_mapping
 from omni_tools.campaign.cost import timed
 from omni_tools.campaign.processes import WorkerDiedError, share
 

@@ -11,9 +11,9 @@ from typing import NamedTuple
 import numpy as np
 import scipy
 
-from omni_platform.brakes import ON_OFF, VELOCITY, BrakeConfiguration
-from omni_platform.kinematics import PlatformKinematics
-from omni_platform.quantities import BoolArray, FloatArray, IntArray
+from omni_core.brakes import ON_OFF, VELOCITY, BrakeConfiguration
+from omni_core.kinematics import PlatformKinematics
+from omni_core.quantities import BoolArray, FloatArray, IntArray
 from omni_sim.vehicle.configuration import VehicleConfiguration
 from omni_sim.vehicle.plausibility import wheel_facts
 from omni_tools.commissioning.signals import Motions, Signals

@@ -16,10 +16,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from omni_platform import configuration, kinematics, topics
-from omni_platform.geometry import WheelMount
-from omni_platform.quantities import FloatArray
-from omni_platform.signals import upwards_problem
+from omni_core import configuration, kinematics, topics
+from omni_core.geometry import WheelMount
+from omni_core.quantities import FloatArray
+from omni_core.signals import upwards_problem
 from omni_sim.vehicle.configuration import VehicleConfiguration
 from omni_tools.commissioning import brakes
 from omni_tools.commissioning.signals import Motions, Signals, unchecked

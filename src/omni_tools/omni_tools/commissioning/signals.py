@@ -12,9 +12,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 
-from omni_loop.recorded_run import Stream, demand, measured_twist, read_streams
-from omni_platform import configuration, quantities, topics
+from omni_core import configuration, quantities, topics
 from omni_recording.folder import open_vehicle
+from omni_runs.recorded_run import Stream, demand, measured_twist, read_streams
 
 MOTIONS = ("forward", "left", "counter-clockwise")
 TOPICS = (topics.WHEEL_STATES, topics.PEDAL, topics.ENABLE, topics.TWIST, topics.IMU)

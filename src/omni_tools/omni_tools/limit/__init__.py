@@ -1,1 +1,1 @@
-"""Certified lower bounds of the stopping distance from forces, loads and friction."""
+"""Shortest possible stops, computed by optimization, and the command for bounds and stops."""

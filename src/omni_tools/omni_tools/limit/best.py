@@ -19,15 +19,15 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from omni_loop.history import RunHistory
-from omni_platform.configuration import ConfigurationError
-from omni_platform.geometry import cross, turned
-from omni_platform.kinematics import PlatformKinematics
-from omni_platform.quantities import FloatArray
+from omni_core.configuration import ConfigurationError
+from omni_core.geometry import cross, turned
+from omni_core.kinematics import PlatformKinematics
+from omni_core.quantities import FloatArray
+from omni_runs.history import RunHistory
+from omni_runs.limit import bounds, forces
 from omni_sim.tire.interface.model import curve_at
 from omni_sim.vehicle.configuration import VehicleConfiguration
 from omni_sim.vehicle.loads import GRAVITY, load_plane
-from omni_tools.limit import bounds, forces
 
 _SOLVER = {"print_level": 0, "max_iter": 400, "tol": 1e-6, "sb": "yes"}
 # Radau IIA, two stages.

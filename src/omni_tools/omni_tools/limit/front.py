@@ -6,12 +6,12 @@ from typing import NamedTuple
 
 from matplotlib.figure import Figure
 
-from omni_figures import style
-from omni_loop.compiled import run_fast_loop
-from omni_loop.experiment import ExperimentConfiguration
-from omni_platform.configuration import ConfigurationError
+from omni_core.configuration import ConfigurationError
+from omni_runs.compiled import run_fast_loop
+from omni_runs.experiment import ExperimentConfiguration
+from omni_runs.figures import style
+from omni_runs.limit.bounds import Maneuver
 from omni_tools.limit.best import OptimalStop
-from omni_tools.limit.bounds import Maneuver
 
 ROTATIONS = (0.5, 5.0, 15.0, 30.0)
 """Limits on the rotation; `front` plans one stop for each of them [deg]."""

@@ -29,10 +29,10 @@ from matplotlib.figure import Figure
 
 from linescan_odometry.configuration import OdometryConfiguration
 from linescan_odometry.sensor import SensorOdometry
-from omni_figures import style
-from omni_platform import sensors, signals
-from omni_platform.configuration import ConfigurationError
-from omni_platform.quantities import BoolArray, FloatArray
+from omni_core import sensors, signals
+from omni_core.configuration import ConfigurationError
+from omni_core.quantities import BoolArray, FloatArray
+from omni_runs.figures import style
 
 QUANTITIES = ("pitch", "heading", "lever", "line_rate")
 """Calibrated quantities of a camera."""

@@ -11,9 +11,9 @@ from linescan_odometry.configuration import OdometryConfiguration
 from linescan_odometry.matching import search, subpixel
 from linescan_odometry.measurements import SensorReading
 from linescan_odometry.sensor import SensorOdometry
-from omni_figures import style
-from omni_platform import quantities, signals
-from omni_platform.sensors import LineSensor
+from omni_core import quantities, signals
+from omni_core.sensors import LineSensor
+from omni_runs.figures import style
 
 
 class Kymograph(NamedTuple):

@@ -17,9 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageSequence
 
-from linescan_odometry.camera.cut import Cut, FrameError
-from linescan_odometry.camera.sources import INSTALL, VIDEOS
-from omni_platform import configuration, signals
+from omni_core import configuration, signals
+from omni_vehicle.camera.cut import Cut, FrameError
+from omni_vehicle.camera.sources import INSTALL, VIDEOS
 
 PICTURES = (".png", ".tif", ".tiff", ".bmp", ".pgm", ".jpg", ".jpeg")
 RAW = (".raw", ".bin", ".dat")

@@ -12,10 +12,10 @@ from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
-from omni_platform.geometry import turned
-from omni_platform.quantities import SECOND_NS, FloatArray, IntArray
-from omni_platform.sensors import LineSensor
-from omni_platform.signals import LineBatch
+from omni_core.geometry import turned
+from omni_core.quantities import SECOND_NS, FloatArray, IntArray
+from omni_core.sensors import LineSensor
+from omni_core.signals import LineBatch
 from omni_sim.camera.camera import CameraConfiguration, LineCamera, LineCameraArray
 from omni_sim.texture.cache import TextureCache
 from omni_sim.texture.texture import GroundTexture, TextureConfiguration

@@ -16,9 +16,9 @@ import numpy as np
 
 from linescan_odometry.matching import search, subpixel
 from linescan_odometry.odometry import LineScanOdometry, OdometryConfiguration
-from omni_platform.quantities import BoolArray, FloatArray, IntArray
-from omni_platform.sensors import sensor_matrix
-from omni_platform.signals import Lines
+from omni_core.quantities import BoolArray, FloatArray, IntArray
+from omni_core.sensors import sensor_matrix
+from omni_core.signals import Lines
 from omni_sim.camera.camera import LineCamera
 from omni_sim.texture.texture import GroundTexture
 from omni_tools.line_trials.rig import PERIOD, Rig, View, cameras, poses_at

@@ -13,11 +13,11 @@ from typing import NamedTuple
 import numpy as np
 
 from linescan_odometry.odometry import LineScanOdometry, OdometryConfiguration
-from omni_figures.scene import Scene
-from omni_loop.experiment import ExperimentLibrary
-from omni_platform.configuration import ConfigurationError, WorkError, check_choice
-from omni_platform.quantities import SECOND_NS, FloatArray
-from omni_platform.sensors import LineSensor
+from omni_core.configuration import ConfigurationError, WorkError, check_choice
+from omni_core.quantities import SECOND_NS, FloatArray
+from omni_core.sensors import LineSensor
+from omni_runs.experiment import ExperimentLibrary
+from omni_runs.figures.scene import Scene
 from omni_sim.texture.texture import KINDS, GroundTexture
 from omni_tools.line_trials import rig
 from omni_tools.line_trials.rig import BATCH_TIME, PERIOD, Rig, View, batch_lines

@@ -27,9 +27,9 @@ import numpy as np
 
 from linescan_odometry.configuration import OdometryConfiguration
 from linescan_odometry.twist.least_squares import check_placement
-from omni_platform.configuration import ConfigurationError
-from omni_platform.quantities import FloatArray
-from omni_platform.sensors import LineSensor, sensor_matrix
+from omni_core.configuration import ConfigurationError
+from omni_core.quantities import FloatArray
+from omni_core.sensors import LineSensor, sensor_matrix
 from omni_tools.line_trials.rig import View
 from omni_tools.placement.mounting_area import MountingArea
 from omni_tools.placement.sensor_error import SensorError

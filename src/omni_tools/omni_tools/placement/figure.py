@@ -14,8 +14,8 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import FancyArrowPatch, Patch, Polygon
 from matplotlib.ticker import MaxNLocator
 
-from omni_figures import style
-from omni_platform.quantities import FloatArray
+from omni_core.quantities import FloatArray
+from omni_runs.figures import style
 from omni_tools.placement.error import EvaluatedPlacement, MeanError, poses_of
 from omni_tools.placement.mounting_area import MountingArea
 

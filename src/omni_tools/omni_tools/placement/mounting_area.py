@@ -12,10 +12,10 @@ import math
 
 import numpy as np
 
-from omni_figures.scene import Scene, placed, rectangle
-from omni_platform.geometry import PlatformGeometry
-from omni_platform.quantities import BoolArray, FloatArray, IntArray
-from omni_platform.sensors import LineSensor
+from omni_core.geometry import PlatformGeometry
+from omni_core.quantities import BoolArray, FloatArray, IntArray
+from omni_core.sensors import LineSensor
+from omni_runs.figures.scene import Scene, placed, rectangle
 from omni_tools.line_trials.rig import View
 
 

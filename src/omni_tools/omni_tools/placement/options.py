@@ -1,6 +1,7 @@
 """Command-line options of a placement of line cameras."""
 
-from omni_platform import command_options, configuration
+from omni_core import configuration
+from omni_core.commands import command_options
 
 
 class PlacementOptions(configuration.Configuration):

@@ -5,8 +5,8 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from omni_loop.metrics import Metric, results_entry
-from omni_loop.yaml_files import commented_yaml
+from omni_runs.metrics import Metric, results_entry
+from omni_runs.yaml_files import commented_yaml
 from omni_tools.placement import design
 from omni_tools.placement.error import EvaluatedPlacement
 

@@ -20,7 +20,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from omni_platform.quantities import BoolArray, FloatArray
+from omni_core.quantities import BoolArray, FloatArray
 from omni_tools.placement.error import Criterion
 from omni_tools.placement.mounting_area import MountingArea
 

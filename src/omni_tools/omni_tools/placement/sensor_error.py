@@ -28,8 +28,8 @@ import numpy as np
 
 from linescan_odometry.configuration import OdometryConfiguration
 from linescan_odometry.sensor import SensorOdometry
-from omni_platform.configuration import WorkError
-from omni_platform.quantities import SECOND_NS, FloatArray
+from omni_core.configuration import WorkError
+from omni_core.quantities import SECOND_NS, FloatArray
 from omni_sim.texture.texture import GroundTexture
 from omni_tools.line_trials.rig import PERIOD, Rig, View, batch_lines
 

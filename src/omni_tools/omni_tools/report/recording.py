@@ -12,18 +12,18 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from omni_brake_assist.conditions import AssistState
-from omni_loop import drift, experiment, recorded_run
-from omni_loop.history import RunHistory
-from omni_loop.metrics import Metric, rest_stamp
-from omni_loop.recorded_run import read_streams
-from omni_loop.stops import drive_metrics, named_stops, stop_metrics
-from omni_platform.configuration import InputError, from_mapping
-from omni_platform.quantities import FloatArray, IntArray
-from omni_platform.topics import MARKERS, TEST_RATIOS, WHEEL_FORCES
+from omni_core.configuration import InputError, from_mapping
+from omni_core.quantities import FloatArray, IntArray
+from omni_core.topics import MARKERS, TEST_RATIOS, WHEEL_FORCES
 from omni_recording import decode, folder
 from omni_recording.error import BagError
 from omni_recording.folder import read_plain_yaml
-from omni_tools.limit.bounds import limit_share
+from omni_runs import drift, experiment, recorded_run
+from omni_runs.history import RunHistory
+from omni_runs.limit.bounds import limit_share
+from omni_runs.metrics import Metric, rest_stamp
+from omni_runs.recorded_run import read_streams
+from omni_runs.stops import drive_metrics, named_stops, stop_metrics
 
 _METERS_PER_NEWTON = 1e-4  # scale of the arrows in recordings without forces [m/N]
 

@@ -25,11 +25,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from omni_figures.scene import rectangle
-from omni_loop import compiled, experiment
-from omni_platform.configuration import ConfigurationError
-from omni_platform.geometry import PlatformGeometry, turned
-from omni_platform.quantities import SECOND_NS, BoolArray, FloatArray
+from omni_core.configuration import ConfigurationError
+from omni_core.geometry import PlatformGeometry, turned
+from omni_core.quantities import SECOND_NS, BoolArray, FloatArray
+from omni_runs import compiled, experiment
+from omni_runs.figures.scene import rectangle
 from omni_sim.driver.scripted import ManeuverConfiguration
 from omni_sim.vehicle.configuration import VehicleConfiguration
 from omni_tools.campaign.runner import digest

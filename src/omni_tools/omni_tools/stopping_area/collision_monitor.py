@@ -5,10 +5,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from omni_loop.experiment import WITHOUT_CAMERAS, ExperimentLibrary, short_name
-from omni_loop.metrics import Metric
-from omni_loop.yaml_files import commented_yaml
-from omni_platform import geometry, quantities
+from omni_core import geometry, quantities
+from omni_runs.experiment import WITHOUT_CAMERAS, ExperimentLibrary, short_name
+from omni_runs.metrics import Metric
+from omni_runs.yaml_files import commented_yaml
 from omni_tools.stopping_area import area
 from omni_tools.stopping_area.options import AreaOptions
 

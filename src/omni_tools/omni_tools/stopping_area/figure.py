@@ -8,8 +8,8 @@ from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from matplotlib.patches import Polygon
 
-from omni_figures import style
-from omni_platform.quantities import FloatArray
+from omni_core.quantities import FloatArray
+from omni_runs.figures import style
 from omni_sim.vehicle.configuration import VehicleConfiguration
 from omni_tools.stopping_area.area import SECTORS, Cell, corners, footprint
 

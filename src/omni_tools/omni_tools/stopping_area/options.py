@@ -1,7 +1,7 @@
 """Command-line options of stopping areas."""
 
-from omni_platform.command_options import overrides_option
-from omni_platform.configuration import ConfigurationError, parameter
+from omni_core.commands.command_options import overrides_option
+from omni_core.configuration import ConfigurationError, parameter
 from omni_tools.campaign.runner import CampaignOptions
 
 

@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from omni_platform import configuration, files, quantities
+from omni_core import configuration, files, quantities
 
 _COLUMNS = ("slip", "load", "force")
 _UNITS = {"load_n": "load", "force_n": "force"}

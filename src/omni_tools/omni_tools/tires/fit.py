@@ -13,10 +13,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from matplotlib.figure import Figure
 
-from omni_figures import style
-from omni_figures.units import readable_unit
-from omni_platform.configuration import ConfigurationError, WorkError, from_mapping
-from omni_platform.quantities import BoolArray, FloatArray
+from omni_core.configuration import ConfigurationError, WorkError, from_mapping
+from omni_core.quantities import BoolArray, FloatArray
+from omni_runs.figures import style
+from omni_runs.figures.units import readable_unit
 from omni_sim.tire.interface.model import LARGEST_FORCE, LOAD_RANGE, FitRecipe, Landmarks
 from omni_sim.tire.models import MODELS
 from omni_sim.tire.tire import Tire, TireConfiguration, steady_forces

@@ -8,18 +8,19 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.patches import Polygon
 
-from omni_figures import style
-from omni_figures.scene import Scene, ahead_up, placed, rectangle
-from omni_figures.units import readable_unit
-from omni_platform.geometry import PlatformGeometry
-from omni_platform.sensors import LineSensor
+from omni_core.geometry import PlatformGeometry
+from omni_core.quantities import plain
+from omni_core.sensors import LineSensor
+from omni_runs.figures import style
+from omni_runs.figures.scene import Scene, ahead_up, placed, rectangle
+from omni_runs.figures.units import readable_unit
+from omni_runs.plausibility import camera_speed
 from omni_sim.configuration import GroundConfiguration
 from omni_sim.texture.cache import TextureCache
 from omni_sim.tire.tire import Tire, TireConfiguration
 from omni_sim.vehicle.configuration import VehicleConfiguration
-from omni_sim.vehicle.plausibility import brakes_over_grip, plain, wheel_facts
+from omni_sim.vehicle.plausibility import brakes_over_grip, wheel_facts
 from omni_sim.vehicle.rollers import Rollers
-from omni_tools.vehicles.plausibility import camera_speed
 
 _FROM_ABOVE: dict[str, Any] = {"x": "right of the middle [m]", "y": "ahead of the middle [m]"}
 

@@ -4,16 +4,16 @@ import math
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from omni_loop.yaml_files import commented_yaml
-from omni_platform.brakes import ON_OFF, TORQUE, TYPICAL, VELOCITY, BrakeConfiguration
-from omni_platform.configuration import (
+from omni_core.brakes import ON_OFF, TORQUE, TYPICAL, VELOCITY, BrakeConfiguration
+from omni_core.configuration import (
     Configuration,
     ConfigurationError,
     declared_parameters,
     parameter,
     to_mapping,
 )
-from omni_platform.geometry import TYPICAL_WIDTH
+from omni_core.geometry import TYPICAL_WIDTH
+from omni_runs.yaml_files import commented_yaml
 from omni_sim.tire.tire import TireConfiguration
 from omni_sim.vehicle.loads import GRAVITY
 from omni_sim.wheel.roller_geometry import RollerConfiguration

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from omni_loop.compiled import run_fast_loop
-from omni_loop.experiment import ExperimentLibrary
-from omni_loop.recorded_run import Stream, read_streams
+from omni_runs.compiled import run_fast_loop
+from omni_runs.experiment import ExperimentLibrary
+from omni_runs.recorded_run import Stream, read_streams
 from omni_sim.vehicle.configuration import VehicleConfiguration
 from omni_tools.brakes import data as brake_data
 from omni_tools.brakes.data import BrakeData, BrakeDataError, read_brake_data

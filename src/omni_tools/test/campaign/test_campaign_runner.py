@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import pytest
 from local_cluster import local_client
 
-from omni_platform.configuration import ConfigurationError
+from omni_core.configuration import ConfigurationError
 from omni_tools.campaign import runner
 from omni_tools.campaign.runner import CampaignError, CampaignOptions, distribute, run_campaign
 

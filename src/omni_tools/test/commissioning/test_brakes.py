@@ -10,8 +10,7 @@ from typing import Any
 import pytest
 from made_drives import CONFIG, described, drive, found, swapped
 
-from omni_loop.experiment import ExperimentLibrary
-from omni_platform.brakes import (
+from omni_core.brakes import (
     ON_OFF,
     PROPORTIONAL,
     SPRING,
@@ -21,6 +20,7 @@ from omni_platform.brakes import (
     BrakeConfiguration,
     typical_changes,
 )
+from omni_runs.experiment import ExperimentLibrary
 from omni_tools.commissioning.mistakes import (
     undistinguished_brakes,
 )

@@ -15,11 +15,11 @@ import pytest
 import yaml
 from made_drives import CONFIG, Wheels, described, drive, found, mistakes_in, swapped
 
-from omni_loop.experiment import ExperimentLibrary
-from omni_loop.recorded_run import Stream
-from omni_platform.configuration import ConfigurationError
-from omni_platform.geometry import WheelMount
-from omni_platform.kinematics import PlatformKinematics
+from omni_core.configuration import ConfigurationError
+from omni_core.geometry import WheelMount
+from omni_core.kinematics import PlatformKinematics
+from omni_runs.experiment import ExperimentLibrary
+from omni_runs.recorded_run import Stream
 from omni_tools.commissioning.mistakes import (
     corrected,
     find_mistakes,

@@ -8,8 +8,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from omni_loop.recorded_run import Stream
-from omni_platform.configuration import ConfigurationError
+from omni_core.configuration import ConfigurationError
+from omni_runs.recorded_run import Stream
 from omni_tools.commissioning.signals import motions_of, signals_of
 
 WHEELS = ("left", "right")

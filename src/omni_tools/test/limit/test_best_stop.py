@@ -10,13 +10,13 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from omni_loop.compiled import run_fast_loop
-from omni_loop.experiment import ExperimentConfiguration, ExperimentLibrary
-from omni_platform.configuration import ConfigurationError
+from omni_core.configuration import ConfigurationError
+from omni_runs.compiled import run_fast_loop
+from omni_runs.experiment import ExperimentConfiguration, ExperimentLibrary
+from omni_runs.limit.bounds import maneuver_of, straight_bound
 from omni_sim.vehicle.loads import MassConfiguration
 from omni_tools.limit import front as front_module
 from omni_tools.limit.best import OptimalStop, Transcription, load_casadi
-from omni_tools.limit.bounds import maneuver_of, straight_bound
 from omni_tools.limit.front import Stop, draw_front
 
 CONFIG = Path(__file__).resolve().parents[4] / "config"

@@ -8,22 +8,22 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from omni_loop.compiled import run_fast_loop
-from omni_loop.experiment import ExperimentLibrary
-from omni_platform.geometry import cross
-from omni_sim.configuration import GroundConfiguration
-from omni_sim.ground.friction import FrictionPatch
-from omni_sim.vehicle.configuration import VehicleConfiguration
-from omni_sim.vehicle.loads import GRAVITY, MassConfiguration, load_plane
-from omni_sim.vehicle.suspension import SuspensionConfiguration
-from omni_tools.limit.bounds import (
+from omni_core.geometry import cross
+from omni_runs.compiled import run_fast_loop
+from omni_runs.experiment import ExperimentLibrary
+from omni_runs.limit.bounds import (
     Maneuver,
     any_heading_bound,
     limit_share,
     maneuver_of,
     straight_bound,
 )
-from omni_tools.limit.forces import Case, LimitVehicle, farthest
+from omni_runs.limit.forces import Case, LimitVehicle, farthest
+from omni_sim.configuration import GroundConfiguration
+from omni_sim.ground.friction import FrictionPatch
+from omni_sim.vehicle.configuration import VehicleConfiguration
+from omni_sim.vehicle.loads import GRAVITY, MassConfiguration, load_plane
+from omni_sim.vehicle.suspension import SuspensionConfiguration
 
 ROOT = Path(__file__).parents[4]
 FLAT = GroundConfiguration()

@@ -11,14 +11,14 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from linescan_odometry.camera.cut import Cut
 from linescan_odometry.odometry import OdometryConfiguration
-from omni_platform.sensors import LineSensor
-from omni_platform.signals import LineBatch
+from omni_core.sensors import LineSensor
+from omni_core.signals import LineBatch
 from omni_tools.line_files.calibration import Calibration, calibrate, draw_residuals, observe
 from omni_tools.line_files.kymograph import draw_kymographs, match_lines
 from omni_tools.line_files.reading import LineFileError, RawFormat, read_lines
 from omni_tools.line_trials.rig import Rig, ground, poses_at
+from omni_vehicle.camera.cut import Cut
 
 LINES = np.random.default_rng(1).integers(0, 256, (30, 64)).astype(np.uint8)
 RATE, BATCH, BATCHES = 2500.0, 25, 24

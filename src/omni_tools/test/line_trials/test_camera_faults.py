@@ -14,8 +14,8 @@ from linescan_odometry.odometry import (
     OdometryConfiguration,
     TwistEstimate,
 )
-from omni_platform.sensors import LineSensor
-from omni_platform.signals import Lines
+from omni_core.sensors import LineSensor
+from omni_core.signals import Lines
 from omni_tools.line_trials.rig import Rig, ground, poses_at
 from omni_tools.placement.mounting_area import tangential
 

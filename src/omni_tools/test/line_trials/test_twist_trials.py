@@ -9,8 +9,8 @@ import math
 import numpy as np
 import pytest
 
-from omni_platform.sensors import LineSensor
-from omni_platform.signals import LineBatch
+from omni_core.sensors import LineSensor
+from omni_core.signals import LineBatch
 from omni_tools.line_trials.rig import Rig, ground, poses_at
 from omni_tools.placement.mounting_area import tangential
 

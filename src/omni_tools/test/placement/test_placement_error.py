@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from linescan_odometry.twist.least_squares import TwistSolver
-from omni_platform.sensors import sensor_matrix
+from omni_core.sensors import sensor_matrix
 from omni_tools.line_trials.rig import View
 from omni_tools.placement.error import (
     ConditionNumber,

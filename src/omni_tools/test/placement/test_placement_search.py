@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from omni_figures.scene import Scene, overlap
-from omni_loop.experiment import ExperimentLibrary
-from omni_platform.quantities import BoolArray, FloatArray
+from omni_core.quantities import BoolArray, FloatArray
+from omni_runs.experiment import ExperimentLibrary
+from omni_runs.figures.scene import Scene, overlap
 from omni_tools.line_trials.rig import View
 from omni_tools.placement.error import (
     ConditionNumber,

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from omni_figures.scene import Scene
-from omni_loop.experiment import ExperimentLibrary
+from omni_runs.experiment import ExperimentLibrary
+from omni_runs.figures.scene import Scene
 from omni_tools.line_trials.rig import View, ground
 from omni_tools.placement.design import drive_mix
 from omni_tools.placement.error import MeanError, MotionMix, gyration, poses_of

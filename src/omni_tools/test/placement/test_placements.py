@@ -10,9 +10,9 @@ import pytest
 from numpy.typing import NDArray
 
 from linescan_odometry.odometry import LineScanOdometry, TwistEstimate
-from omni_loop.experiment import ExperimentConfiguration, ExperimentLibrary
-from omni_platform.configuration import ConfigurationError
-from omni_platform.signals import LineBatch
+from omni_core.configuration import ConfigurationError
+from omni_core.signals import LineBatch
+from omni_runs.experiment import ExperimentConfiguration, ExperimentLibrary
 from omni_sim.camera.camera import LineCameraArray
 from omni_sim.texture.texture import GroundTexture, TextureConfiguration, generate_texture
 from omni_tools.two_sensors import (

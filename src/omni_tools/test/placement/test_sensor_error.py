@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from omni_platform.configuration import WorkError
+from omni_core.configuration import WorkError
 from omni_tools.line_trials.rig import View, ground
 from omni_tools.placement.sensor_error import measure_sensor_error
 

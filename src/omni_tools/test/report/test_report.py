@@ -14,10 +14,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from omni_loop.experiment import ExperimentLibrary
-from omni_loop.history import RunHistory
-from omni_loop.metrics import run_metrics
-from omni_platform.kinematics import PlatformKinematics
+from omni_core.kinematics import PlatformKinematics
+from omni_runs.experiment import ExperimentLibrary
+from omni_runs.history import RunHistory
+from omni_runs.metrics import run_metrics
 from omni_sim.vehicle.configuration import VehicleConfiguration
 from omni_sim.vehicle.loads import GRAVITY
 from omni_tools.report.document import flat_ground_loads, report_document, report_page, rim_slips

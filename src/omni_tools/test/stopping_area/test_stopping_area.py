@@ -14,10 +14,10 @@ import yaml
 from numpy.typing import NDArray
 
 from omni_bringup.cli import main
-from omni_loop.compiled import run_fast_loop
-from omni_loop.experiment import ExperimentConfiguration, ExperimentLibrary
-from omni_loop.metrics import Metric
-from omni_platform.configuration import ConfigurationError
+from omni_core.configuration import ConfigurationError
+from omni_runs.compiled import run_fast_loop
+from omni_runs.experiment import ExperimentConfiguration, ExperimentLibrary
+from omni_runs.metrics import Metric
 from omni_tools.stopping_area.area import (
     DIRECTIONS,
     SECTORS,

@@ -9,11 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from omni_loop.compiled import FastRun, run_fast_loop
-from omni_loop.experiment import ExperimentConfiguration, ExperimentLibrary
-from omni_loop.history import RunHistory
-from omni_loop.loop import run_closed_loop
-from omni_platform.configuration import (
+from omni_core.configuration import (
     Configuration,
     ConfigurationError,
     ParameterInfo,
@@ -22,7 +18,11 @@ from omni_platform.configuration import (
     is_configuration,
     without_none,
 )
-from omni_tools.vehicles.plausibility import RemarkingLibrary
+from omni_runs.compiled import FastRun, run_fast_loop
+from omni_runs.experiment import ExperimentConfiguration, ExperimentLibrary
+from omni_runs.history import RunHistory
+from omni_runs.loop import run_closed_loop
+from omni_runs.plausibility import RemarkingLibrary
 
 CONFIG = Path(__file__).parents[4] / "config"
 

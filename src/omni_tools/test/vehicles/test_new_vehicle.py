@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 import yaml
 
-from omni_loop.compiled import run_fast_loop
-from omni_loop.experiment import WITHOUT_CAMERAS, ExperimentConfiguration, ExperimentLibrary
-from omni_platform.brakes import ON_OFF, TYPICAL
-from omni_platform.configuration import ConfigurationError
-from omni_platform.sensors import LineSensor
+from omni_core.brakes import ON_OFF, TYPICAL
+from omni_core.configuration import ConfigurationError
+from omni_core.sensors import LineSensor
+from omni_runs.compiled import run_fast_loop
+from omni_runs.experiment import WITHOUT_CAMERAS, ExperimentConfiguration, ExperimentLibrary
+from omni_runs.plausibility import RemarkingLibrary, camera_speed, remarks
 from omni_sim.vehicle.plausibility import wheel_facts
 from omni_tools.vehicles.estimates import Measured, write_vehicle
-from omni_tools.vehicles.plausibility import RemarkingLibrary, camera_speed, remarks
 
 CONFIG = Path(__file__).parents[4] / "config"
 LIBRARY = ExperimentLibrary(CONFIG)

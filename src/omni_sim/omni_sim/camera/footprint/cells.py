@@ -5,8 +5,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from omni_platform.kernels import inlined, kernel
-from omni_platform.quantities import Float32Array, FloatArray, Int32Array
+from omni_core.kernels import inlined, kernel
+from omni_core.quantities import Float32Array, FloatArray, Int32Array
 from omni_sim.camera.footprint.rows import CLASSES, HALF, ONE, POINT
 
 _NARROW_ROWS = 640  # rows whose sums, times the weights of `refine`, fit into 32 bits (up to 655)

@@ -25,8 +25,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from omni_platform.kernels import kernel
-from omni_platform.quantities import Float32Array, FloatArray, Int8Array, Int16Array, Int32Array
+from omni_core.kernels import kernel
+from omni_core.quantities import Float32Array, FloatArray, Int8Array, Int16Array, Int32Array
 from omni_sim.camera.footprint import cells, rows
 from omni_sim.camera.footprint.padding import LEAST_WIDTH, PaddedTexture
 from omni_sim.camera.footprint.rows import Rows

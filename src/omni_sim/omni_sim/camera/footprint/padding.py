@@ -14,9 +14,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from omni_platform.configuration import ConfigurationError
-from omni_platform.kernels import kernel
-from omni_platform.sensors import LineSensor
+from omni_core.configuration import ConfigurationError
+from omni_core.kernels import kernel
+from omni_core.sensors import LineSensor
 from omni_sim.texture.texture import GroundTexture
 
 

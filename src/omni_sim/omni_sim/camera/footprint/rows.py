@@ -12,8 +12,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from omni_platform.kernels import inlined, kernel
-from omni_platform.quantities import Int8Array, Int16Array, Int32Array, IntArray
+from omni_core.kernels import inlined, kernel
+from omni_core.quantities import Int8Array, Int16Array, Int32Array, IntArray
 
 POINT = 24
 """Number of fractional bits of a fixed-point position."""

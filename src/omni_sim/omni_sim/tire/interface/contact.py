@@ -9,7 +9,7 @@ solutions exist, and the contact patch keeps its state (adhering or sliding).
 
 from typing import Any
 
-from omni_platform.kernels import lean
+from omni_core.kernels import lean
 from omni_sim.tire.interface.model import force_at
 
 TOLERANCE = 1e-13

@@ -21,8 +21,8 @@ from numba import types
 from numba.extending import overload
 from numpy.typing import ArrayLike
 
-from omni_platform.configuration import Configuration
-from omni_platform.quantities import FloatArray
+from omni_core.configuration import Configuration
+from omni_core.quantities import FloatArray
 
 LOAD_RANGE = (1.0, 1.0e7)
 """Smallest and largest wheel load of a tire model [N]."""

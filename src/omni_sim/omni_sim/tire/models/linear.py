@@ -11,9 +11,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from omni_platform.configuration import Configuration, parameter
-from omni_platform.kernels import lean
-from omni_platform.quantities import FloatArray
+from omni_core.configuration import Configuration, parameter
+from omni_core.kernels import lean
+from omni_core.quantities import FloatArray
 from omni_sim.tire.interface.model import LOAD_RANGE, FitRecipe, Landmarks, TireModel, plain_mapping
 
 

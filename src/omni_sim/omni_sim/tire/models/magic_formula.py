@@ -21,9 +21,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from omni_platform.configuration import Configuration, ConfigurationError, parameter
-from omni_platform.kernels import lean
-from omni_platform.quantities import FloatArray
+from omni_core.configuration import Configuration, ConfigurationError, parameter
+from omni_core.kernels import lean
+from omni_core.quantities import FloatArray
 from omni_sim.tire.interface.contact import solve_contact
 from omni_sim.tire.interface.model import LOAD_RANGE, FitRecipe, Landmarks, TireModel, plain_mapping
 

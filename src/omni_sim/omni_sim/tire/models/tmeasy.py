@@ -21,9 +21,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from omni_platform.configuration import Configuration, ConfigurationError, parameter, section
-from omni_platform.kernels import lean
-from omni_platform.quantities import FloatArray
+from omni_core.configuration import Configuration, ConfigurationError, parameter, section
+from omni_core.kernels import lean
+from omni_core.quantities import FloatArray
 from omni_sim.tire.interface.contact import TOLERANCE, solve_contact
 from omni_sim.tire.interface.model import LARGEST_FORCE, LOAD_RANGE, FitRecipe, Landmarks, TireModel
 

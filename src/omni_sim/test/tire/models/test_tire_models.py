@@ -15,7 +15,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 import omni_sim
-from omni_platform.configuration import ConfigurationError, from_mapping, to_mapping
+from omni_core.configuration import ConfigurationError, from_mapping, to_mapping
 from omni_sim.tire.interface.model import contact_friction, curve_at, force_at
 from omni_sim.tire.models import MODELS, magic_formula
 from omni_sim.tire.tire import Tire, TireConfiguration
@@ -225,7 +225,7 @@ def test_a_fourth_model_is_one_file(tmp_path: Path) -> None:
     text = (models / "linear.py").read_text()
     (models / "twice.py").write_text(text.replace("peak_force = ", "peak_force = 2.0 * "))
     program = """
-from omni_platform.configuration import from_mapping
+from omni_core.configuration import from_mapping
 from omni_sim.tire.tire import Tire, TireConfiguration
 print(*(float(Tire(from_mapping(TireConfiguration, {"model": name})).force(9.0, 1000.0))
         for name in ("linear", "twice")))

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from omni_platform.configuration import ConfigurationError, from_mapping, to_mapping
+from omni_core.configuration import ConfigurationError, from_mapping, to_mapping
 from omni_sim.tire.models.tmeasy import TMeasyConfiguration, curve_of
 from omni_sim.tire.tire import Tire, TireConfiguration
 

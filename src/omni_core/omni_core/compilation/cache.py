@@ -1,0 +1,253 @@
+"""A cache of compiled kernels that detects every change of the code of a kernel.
+
+numba's own cache depends only on the source file of a kernel. It therefore does not detect changes
+of functions and constants in other files, and compiles again after a comment has been edited. In
+this cache, the name of a file contains a digest of the kernel's bytecode and options, and of all
+functions, constants and tuple classes to which the kernel refers, directly or indirectly. The cache
+may contain several versions of a kernel.
+
+Processes share the cache: the first process that needs a kernel compiles it, and other processes
+that need the same kernel wait for it. numba itself has no such lock: without it, two
+processes that store the same kernel at the same time could damage its index file.
+
+If the user cannot write to any folder of the cache, stored kernels are used, and other kernels are
+compiled in each process.
+"""
+
+import contextlib
+import dataclasses
+import enum
+import fcntl
+import functools
+import hashlib
+import os
+import re
+import sys
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from types import CodeType, FunctionType, ModuleType
+from typing import IO, Any, ForwardRef, get_type_hints
+
+import numpy as np
+from numba.core.caching import FunctionCache, IndexDataCacheFile
+from numba.core.dispatcher import Dispatcher
+from numba.core.extending import _Intrinsic
+from numba.core.runtime import rtsys
+
+from omni_core.compilation import calls
+from omni_core.compilation.calls import CompiledKernel, linked_kernels, publish
+
+_LIBRARIES = sys.stdlib_module_names | {"llvmlite", "numba", "numpy", "rocket_fft", "scipy"}
+_PLAIN = {bool, bytes, float, int, str, type(None)}
+_DEPTH = 3  # levels of modules in modules, as in numpy.linalg
+# Stored kernels name the modules of this package.
+_LINKAGE = hashlib.sha256(calls.__name__.encode() + Path(calls.__file__).read_bytes()).hexdigest()
+_KEPT_VERSIONS = 3  # versions of a kernel on disk, so that another branch need not be compiled
+
+
+class KernelCache(FunctionCache):
+    """Cache of numba whose file names contain a digest of the code instead of a line number."""
+
+    def __init__(self, dispatcher: Dispatcher) -> None:
+        # All other attributes are computed at the first call of the kernel. The search for the
+        # folder takes time, and the callees may be defined after the kernel.
+        self._dispatcher, self._py_func = dispatcher, dispatcher.py_func
+        self._name = dispatcher.py_func.__qualname__  # for __repr__
+        self.enable()
+
+    @functools.cached_property
+    def _impl(self) -> CompiledKernel:
+        return CompiledKernel(self._py_func)
+
+    @functools.cached_property
+    def _cache_path(self) -> str:
+        return str(self._impl.locator.get_cache_path())
+
+    @functools.cached_property
+    def _digest(self) -> str:
+        return kernel_digest(self._dispatcher)[:16]
+
+    @functools.cached_property
+    def _cache_file(self) -> IndexDataCacheFile:
+        version = f"{self._digest}.py{sys.version_info[0]}{sys.version_info[1]}"
+        return IndexDataCacheFile(self._cache_path, f"{self._prefix()}{version}", self._digest)
+
+    def _prefix(self) -> str:
+        name = f"{self._py_func.__module__}.{self._py_func.__qualname__}"
+        return re.sub("[<>]", "", name) + "-"
+
+    def _lock(self, operation: int) -> None:
+        """Lock the kernel against other processes, or unlock it.
+
+        A caller is locked before its callees, so two processes never wait for each other. When a
+        process ends, its locks are released.
+
+        Args:
+            operation: `fcntl.LOCK_EX` to lock, `fcntl.LOCK_UN` to unlock.
+        """
+        with contextlib.suppress(OSError):  # a file system without locks
+            self._impl.locator.ensure_cache_path()
+            file, place = _lock_file(self._cache_path), int(self._digest[:15], 16)
+            fcntl.lockf(file, operation, 1, place)
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        """Return the stored kernel for a signature; None if there is none.
+
+        Unlike the method of numba, this one does not load the registries of types, which only
+        compilation needs.
+        """
+        rtsys.initialize(target_context)
+        return self._load_overload(sig, target_context)
+
+    def _load_overload(self, sig: Any, target_context: Any) -> Any:
+        result = self._load_stored(sig, target_context)
+        if result is None:
+            self._lock(fcntl.LOCK_EX)
+            result = self._load_stored(sig, target_context)  # stored meanwhile by another process
+            if result is not None:
+                self._lock(fcntl.LOCK_UN)
+        return result
+
+    def _load_stored(self, sig: Any, target_context: Any) -> Any:
+        try:
+            result = super()._load_overload(sig, target_context)
+        except OSError:  # the folder cannot be read
+            return None
+        except (ImportError, AttributeError):  # compiled for a class that has been moved or renamed
+            with contextlib.suppress(OSError):  # the folder is not writable
+                self.flush()
+            return None
+        if result is not None:
+            publish(self._dispatcher, result, self._digest)
+        return result
+
+    def _save_overload(self, sig: Any, data: Any) -> None:
+        publish(self._dispatcher, data, self._digest)
+        with contextlib.suppress(OSError):  # of another user, or a full disk
+            super()._save_overload(sig, data)
+        self._lock(fcntl.LOCK_UN)
+        folder = Path(self._cache_path)
+        with contextlib.suppress(OSError):  # another process deletes them, too
+            versions = sorted(folder.glob(f"{self._prefix()}*.nbi"), key=os.path.getmtime)
+            for index in versions[:-_KEPT_VERSIONS]:
+                for file in folder.glob(f"{index.stem}.*"):
+                    file.unlink()
+
+
+@functools.cache
+def _lock_file(folder: str) -> IO[bytes]:
+    return Path(folder, "lock").open("ab")
+
+
+def kernel_digest(dispatcher: Dispatcher) -> str:
+    """Return a digest of the code and constants that a kernel uses, directly or indirectly.
+
+    The digest does not depend on the types of the kernel's arguments.
+    """
+    reached: dict[FunctionType, str] = {}
+    pending: list[FunctionType] = []
+    root = _LINKAGE + _describe(dispatcher, pending)
+    while pending:
+        function = pending.pop()
+        if function not in reached:
+            reached[function], callees = _describe_function(function)
+            pending += callees
+    return hashlib.sha256("\n".join([root, *sorted(reached.values())]).encode()).hexdigest()
+
+
+@functools.cache
+def _describe_function(function: FunctionType) -> tuple[str, list[FunctionType]]:
+    """Return a description of a function, and the functions that it refers to."""
+    callees: list[FunctionType] = []
+    cells = [cell.cell_contents for cell in function.__closure__ or ()]
+    names = sorted(set(_names(function.__code__)))
+    parts = [_describe(value, callees) for value in (function.__defaults__, cells)]
+    parts += _describe_names(names, function.__globals__, callees)
+    # numba reads the fields of a named tuple by their positions.
+    parts += map(_describe_fields, _annotations(function))
+    code = function.__code__
+    constants = (one for one in code.co_consts if one is None or one != function.__doc__)
+    described = _describe(code.replace(co_consts=tuple(constants)), callees)
+    return f"{function.__module__}.{function.__qualname__} {described} {parts}", callees
+
+
+def _describe_names(
+    names: list[str], values: dict[str, Any], callees: list[FunctionType], depth: int = 0
+) -> Iterator[str]:
+    """Yield a description of each value that a function finds by name in a module.
+
+    Args:
+        names: names in the code of the function.
+        values: contents of the module, keyed by name.
+        callees: output, the functions among these values are appended.
+        depth: number of modules through which `values` was reached.
+    """
+    for name in names:
+        value = values.get(name)
+        if isinstance(value, ModuleType) and depth < _DEPTH:  # the code may use its attributes
+            yield from _describe_names(names, vars(value), callees, depth + 1)
+        elif name in values:
+            yield f"{name}={_describe(value, callees)}"
+
+
+@functools.cache
+def _describe_fields(value: Any) -> str:
+    """Return the field names of a named tuple, and of named tuples in its fields, as one text.
+
+    The text is empty for any other type.
+    """
+    if not hasattr(value, "_fields"):
+        return ""
+    nested = map(_describe_fields, _annotations(value))
+    return f"{value.__qualname__} {value._fields} {[*nested]}"
+
+
+def _annotations(value: Any) -> Iterable[Any]:
+    """Return the types with which a function or class is annotated; strings are evaluated."""
+    found = value.__annotations__
+    in_text = any(isinstance(kind, (str, ForwardRef)) for kind in found.values())
+    return (get_type_hints(value) if in_text else found).values()
+
+
+def _names(code: CodeType) -> Iterator[str]:
+    yield from code.co_names
+    for constant in code.co_consts:
+        if isinstance(constant, CodeType):
+            yield from _names(constant)
+
+
+def _describe(value: Any, callees: list[FunctionType]) -> str:  # noqa: PLR0911
+    """Return a text that identifies a value, and append the functions in the value to `callees`."""
+    if type(value) in _PLAIN:  # most constants
+        return repr(value)
+    if isinstance(value, Dispatcher):
+        callees.append(value.py_func)
+        options = _describe(value.targetoptions, callees)
+        return f"{value.py_func.__qualname__} {options} {value in linked_kernels}"
+    if isinstance(value, _Intrinsic):
+        value = value._defn
+    if isinstance(value, FunctionType):
+        module = value.__module__
+        if module.partition(".")[0] not in _LIBRARIES:
+            # numba compiles an overload in place of this function; it is in the same module.
+            others = vars(sys.modules[module]).values()
+            functions = [other for other in others if isinstance(other, FunctionType)]
+            callees += [value, *(f for f in functions if f.__module__ == module)]
+        return f"{module}.{value.__qualname__}"
+    if isinstance(value, np.ndarray):
+        return f"{value.dtype} {value.shape} {hashlib.sha256(value.tobytes()).hexdigest()}"
+    if isinstance(value, CodeType):
+        constants = [_describe(constant, callees) for constant in value.co_consts]
+        return f"{value.co_code.hex()} {value.co_names} {value.co_varnames} {constants}"
+    if isinstance(value, type):
+        content = list(value) if issubclass(value, enum.Enum) else getattr(value, "_fields", "")
+        return f"{value.__module__}.{value.__qualname__} {content}"
+    if dataclasses.is_dataclass(value):
+        value = vars(value)
+    if isinstance(value, dict):
+        value = tuple(value.items())
+    if isinstance(value, (tuple, list)):
+        return f"{type(value).__qualname__} {[_describe(item, callees) for item in value]}"
+    if isinstance(value, (set, frozenset)):
+        return repr(sorted(map(repr, value)))
+    return re.sub(" at 0x[0-9a-f]+", "", repr(value))

@@ -1,0 +1,63 @@
+"""Decorators that declare compiled kernels.
+
+numba updates the reference count of an array whenever it passes or unpacks the array. A kernel that
+receives the state of a vehicle or an assistant as a tuple of dozens of arrays would spend most of
+its run time and of its compilation time on these counts. A `lean` kernel does not count references.
+It must therefore neither create an array (a slice of an array is a new array) nor return one, not
+even in a tuple; its caller provides all arrays. A kernel that creates arrays is declared as
+`kernel` and should be short. The largest kernels are also declared as `linked`.
+"""
+
+import functools
+from collections.abc import Callable
+from typing import Any, TypeVar, cast
+
+import numba
+
+from omni_core.compilation.calls import linked
+from omni_core.compilation.patches import patch_numba
+
+__all__ = ["declares", "inlined", "kernel", "lean", "lean_inline", "linked", "njit"]
+
+_F = TypeVar("_F", bound=Callable[..., Any])
+
+njit = numba.njit
+"""Decorator of numba; importing it from this module activates the cache of `compilation.cache`."""
+
+patch_numba()
+
+
+def declares(
+    *, cache: bool = True, error_model: str = "numpy", nrt: bool = True, **options: Any
+) -> Callable[[_F], _F]:
+    """Return a decorator that declares a kernel with further options of numba, such as `fastmath`.
+
+    A call from Python requires an entry point that converts the arguments. Compiling the entry
+    point takes a quarter of the compilation time. The decorator therefore makes two dispatchers of
+    a function: one with the entry point, for Python, and one without it, for other kernels. A
+    dispatcher compiles nothing until it is called.
+    """
+    options = {"error_model": error_model, "no_cfunc_wrapper": True, **options, "_nrt": nrt}
+    declare = functools.partial(njit, cache=cache, nogil=True, **options)
+
+    def decorate(function: _F) -> _F:
+        entry = declare()(function)
+        callee = functools.cache(lambda: declare(no_cpython_wrapper=True)(function))
+        entry.get_call_template = lambda *arguments: callee().get_call_template(*arguments)
+        entry.get_overload = lambda signature: callee().get_overload(signature)
+        return cast(_F, entry)
+
+    return decorate
+
+
+kernel = declares()
+"""Declares a kernel that creates or returns arrays."""
+
+lean = declares(nrt=False)
+"""Declares a kernel that neither creates nor returns arrays and calls only kernels of this kind."""
+
+lean_inline = declares(forceinline=True, nrt=False)
+"""Declares a lean kernel that is inlined into its callers; for kernels with many arguments."""
+
+inlined = declares(inline="always", nrt=False)
+"""Declares a function that numba inlines into the kernels that call it."""

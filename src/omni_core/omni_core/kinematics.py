@@ -1,0 +1,150 @@
+"""Kinematics of a platform on omni-wheels, Eqs. (23)-(35).
+
+Source: V. Kalman, "On modeling and control of omnidirectional wheels", BME Budapest 2013,
+section 2.5.1, after G. Indiveri, IEEE Transactions on Robotics 25 (2009) 164-171. Equation (32)
+contains a printing error; it is interpreted as ``omega_i = M_i (v_cx, v_cy, Omega)^T / (R_i cos
+gamma_i)``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import cached_property, lru_cache
+
+import numpy as np
+
+from omni_core.configuration import ConfigurationError
+from omni_core.geometry import PlatformGeometry, WheelMount
+from omni_core.quantities import FloatArray
+
+# A roller axis within 0.06 deg of the wheel axis cannot transmit a useful drive force.
+_MINIMUM_COS_GAMMA = 1e-3
+# Lower limit on the ratio of smallest to largest singular value of M, scaled as in
+# `smallest_singular_value`.
+_MINIMUM_CONDITION = 1e-6
+
+
+class UnusablePlatformError(ConfigurationError):
+    """The wheels do not allow motion in all three degrees of freedom."""
+
+
+class PlatformKinematics:
+    """Forward and inverse kinematics of N wheels with rollers at any angle.
+
+    Attributes:
+        geometry: positions and directions of the wheels.
+        matrix: matrix ``M`` of Eq. (33), which maps the body twist to ``R_i cos gamma_i omega_i``
+            [m/s], with columns in [1], [1] and [m], shape (N, 3).
+
+    Raises:
+        UnusablePlatformError: a wheel has ``cos gamma = 0``, or ``rank M < 3``.
+    """
+
+    def __init__(self, wheels: Mapping[str, WheelMount]) -> None:
+        self.geometry = PlatformGeometry.from_wheels(wheels)
+        geometry = self.geometry
+        cos_gamma = np.cos(geometry.roller_angle)
+        for name, value in zip(geometry.names, cos_gamma, strict=True):
+            if abs(value) < _MINIMUM_COS_GAMMA:
+                raise UnusablePlatformError(
+                    f"wheels.{name}.roller_angle_deg",
+                    "the roller axis is parallel to the wheel axis (cos gamma = 0), so the wheel "
+                    "cannot generate movement; choose an angle away from +/-90 deg",
+                )
+        # Eq. (33)
+        lever = np.sum(geometry.position * geometry.passive, axis=1)
+        self.matrix: FloatArray = -np.column_stack((geometry.active, lever))
+        _require_rank_three(self.matrix, geometry)
+        self._inverse = self._inverse_with(geometry.radius)
+
+    @staticmethod
+    def of(wheels: Mapping[str, WheelMount]) -> PlatformKinematics:
+        """Return the kinematics of a set of wheels, from a cache if it was computed before."""
+        return _laid_out(tuple(wheels.items()))
+
+    def _inverse_with(self, radius: FloatArray) -> FloatArray:
+        """Return the matrix from body twist to wheel speeds, Eqs. (30), (32), shape (N, 3).
+
+        Args:
+            radius: radii of the wheels [m], shape (N,).
+        """
+        cos_gamma = np.cos(self.geometry.roller_angle)
+        inverse: FloatArray = self.matrix / (radius * cos_gamma)[:, np.newaxis]
+        return inverse
+
+    @cached_property
+    def _forward(self) -> FloatArray:
+        return np.linalg.pinv(self._inverse).astype(np.float64)
+
+    def wheel_speeds(self, twist: FloatArray, radius: FloatArray | None = None) -> FloatArray:
+        """Return the wheel speeds for rolling without slip, Eqs. (28), (32).
+
+        Args:
+            twist: ``(v_cx, v_cy, Omega)`` in the body frame [m/s, m/s, rad/s], shape (..., 3).
+            radius: effective rolling radii [m], shape (N,); by default the radii of the geometry.
+
+        Returns:
+            Wheel speeds [rad/s], shape (..., N).
+        """
+        return twist @ (self._inverse if radius is None else self._inverse_with(radius)).T
+
+    def twist(self, wheel_speeds: FloatArray) -> FloatArray:
+        """Return the body twist that fits the wheel speeds best (least squares).
+
+        Args:
+            wheel_speeds: speeds of the wheels [rad/s], shape (..., N).
+
+        Returns:
+            ``(v_cx, v_cy, Omega)`` in the body frame [m/s, m/s, rad/s], shape (..., 3).
+        """
+        return wheel_speeds @ self._forward.T
+
+    def wheel_velocities(self, twist: FloatArray) -> FloatArray:
+        """Return the velocities of the wheel centers, Eqs. (23), (38).
+
+        Args:
+            twist: ``(v_cx, v_cy, Omega)`` in the body frame [m/s, m/s, rad/s], shape (3,).
+
+        Returns:
+            ``v_i = v_c + Omega k x r_i`` in the body frame [m/s], shape (N, 2).
+        """
+        r = self.geometry.position
+        velocities: FloatArray = twist[:2] + twist[2] * np.column_stack((-r[:, 1], r[:, 0]))
+        return velocities
+
+
+@lru_cache(maxsize=64)
+def _laid_out(wheels: tuple[tuple[str, WheelMount], ...]) -> PlatformKinematics:
+    return PlatformKinematics(dict(wheels))
+
+
+def smallest_singular_value(matrix: FloatArray, geometry: PlatformGeometry) -> float:
+    """Return the smallest singular value of ``M``, made dimensionless [1].
+
+    The lengths in the third column of ``M`` are divided by the largest distance between a wheel and
+    the platform's center.
+
+    Args:
+        matrix: matrix ``M`` of Eq. (33), with columns in [1], [1] and [m], shape (N, 3).
+        geometry: positions of the wheels.
+    """
+    return float(_singular_values(matrix, geometry)[-1])
+
+
+def _singular_values(matrix: FloatArray, geometry: PlatformGeometry) -> FloatArray:
+    reach = float(np.max(np.linalg.norm(geometry.position, axis=1)))
+    scale = np.array([1.0, 1.0, reach if reach > 0.0 else 1.0])
+    values: FloatArray = np.linalg.svd(matrix / scale, compute_uv=False)
+    return values
+
+
+def _require_rank_three(matrix: FloatArray, geometry: PlatformGeometry) -> None:
+    singular_values = _singular_values(matrix, geometry)
+    rank = int(np.sum(singular_values > _MINIMUM_CONDITION * singular_values[0]))
+    if rank < 3:
+        raise UnusablePlatformError(
+            "wheels",
+            f"the kinematic matrix M of {len(geometry.names)} wheels has rank {rank} and must have "
+            "rank 3: some motion of the platform turns no wheel; move wheels apart or mirror "
+            "the rollers of neighboring wheels",
+        )

@@ -1,8 +1,0 @@
-"""Installs omni_platform as an ament_python package."""
-
-import sys
-
-sys.path.insert(0, "../omni_platform")
-from ament_package import install
-
-install(requires=["llvmlite", "numba==0.68.*", "numpy"])

@@ -1,0 +1,1 @@
+"""Certified lower bounds of the stopping distance from forces, loads and friction."""

@@ -1,0 +1,279 @@
+"""Reading of a run from its rosbag2 folder, without ROS.
+
+Only the topics of a `RunHistory` are decoded. The line batches, which make up nearly all of a
+recording, are skipped. `ground_truth/odom` gives the control stamps. Every other message is
+assigned to the first control stamp that is not before the stamp of the message. A twist of the
+odometry has the stamp of its newest line, which is up to one line period before the control stamp.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from omni_core import topics
+from omni_core.geometry import turned
+from omni_core.quantities import FloatArray, IntArray
+from omni_core.signals import UNMEASURED_VARIANCE
+from omni_recording.error import BagError
+from omni_runs.history import RunHistory
+
+if TYPE_CHECKING:
+    from omni_recording.folder import Bag
+    from omni_recording.mcap import RecordedChannel
+
+_TOPICS = (
+    topics.GROUND_TRUTH, topics.WHEEL_STATES, topics.PEDAL, topics.ENABLE, topics.SLIDING,
+    topics.TWIST, topics.DIAGNOSTICS,
+)  # fmt: skip
+_TRUTH, _WHEELS, _PEDAL, _ENABLE, _ERROR, _ESTIMATE, _DIAGNOSTICS = (one.name for one in _TOPICS)
+_ASSISTANT = "brake_assist"  # name of the assistant's diagnostics status, after the namespace
+# If a run has no odometry or no brake assistant, the values are NaN.
+_REQUIRED = (topics.WHEEL_STATES, topics.PEDAL)
+
+# Diagonal of a row-major 6 x 6 covariance: v_x, v_y, rotation about z.
+_VARIANCES = [0, 7, 35]
+
+
+@dataclasses.dataclass(frozen=True)
+class Stream:
+    """Messages of one topic, sorted by stamp."""
+
+    stamp_ns: IntArray
+    messages: tuple[Any, ...]
+
+    @classmethod
+    def of(cls, entries: Iterable[tuple[int, Any]]) -> Stream:
+        """Create a stream from pairs of stamp [ns] and message, sorted by stamp."""
+        ordered = sorted(entries, key=lambda entry: entry[0])
+        stamps = np.array([stamp for stamp, _ in ordered], dtype=np.int64)
+        return cls(stamps, tuple(message for _, message in ordered))
+
+
+def read_run(bag_folder: Path | str) -> RunHistory:
+    """Return the history of a run that is recorded in a rosbag2 folder.
+
+    The vehicle may have any namespace. A value for which no message was recorded is NaN. If the
+    recording has no ground truth, because the vehicle is real, the motion in the history is the
+    integral of the measured twist.
+
+    Args:
+        bag_folder: folder with ``metadata.yaml`` and the recording.
+
+    Raises:
+        BagError: the recording is missing, empty, truncated or damaged, lacks a topic, or contains
+            more than one run.
+    """
+    from omni_recording.folder import open_vehicle
+
+    bag = open_vehicle(bag_folder)
+    streams = read_streams(bag, _TOPICS, _REQUIRED)
+    assistant = f"{bag.namespace}/{_ASSISTANT}".removeprefix("/")
+    try:
+        return _to_history(streams, assistant)
+    except (ValueError, IndexError) as error:
+        raise BagError(bag.path, f"is not the recording of a single run: {error}") from error
+
+
+def read_streams(
+    bag: Bag, chosen: Iterable[topics.Topic], required: Collection[topics.Topic] = ()
+) -> dict[str, Stream]:
+    """Return the messages of the chosen topics, keyed by topic name without the namespace.
+
+    Args:
+        bag: the recording of a vehicle.
+        chosen: topics to read.
+        required: topics that must exist.
+
+    Raises:
+        BagError: the recording cannot be read, or lacks a topic, or a topic has another type, or
+            the clock jumped between two messages of a topic.
+    """
+    from omni_recording import clock, decode, folder
+
+    known = {topic.path: topic for topic in chosen}
+    channels = [entry for entry in folder.bag_summary(bag).channels if entry.topic in known]
+    missing = {topic.path for topic in required} - {channel.topic for channel in channels}
+    if missing:
+        lacking = ", ".join(sorted(missing))
+        raise BagError(bag.path, f"is not a recording of a run: it lacks {lacking}")
+    for channel in channels:
+        _require_type(bag, channel, known)
+    messages: dict[str, list[tuple[int, Any]]] = {}
+    clocks: dict[str, clock.ClockWatch] = {}
+    for recorded, message in decode.decoded_messages(bag, known):
+        _require_type(bag, recorded.channel, known)
+        stamp_ns = decode.header_stamp_ns(message)
+        if stamp_ns is None:
+            raise BagError(bag.path, f"{recorded.channel.topic} has no stamp")
+        watch = clocks.setdefault(recorded.channel.topic, clock.ClockWatch())
+        watch.add(stamp_ns, recorded.log_ns)
+        messages.setdefault(known[recorded.channel.topic].name, []).append((stamp_ns, message))
+    for path, watch in clocks.items():
+        if watch.jumps:
+            raise BagError(
+                bag.path,
+                f"is not the recording of a single run: {path}: {watch.jumps[0]}: "
+                "split the recording there",
+            )
+    for topic in required:
+        if topic.name not in messages:
+            raise BagError(bag.path, f"there is no message on {topic.path}")
+    return {name: Stream.of(entries) for name, entries in messages.items()}
+
+
+def _require_type(bag: Bag, channel: RecordedChannel, known: Mapping[str, topics.Topic]) -> None:
+    needed = known[channel.topic].type
+    if channel.type_name != needed:
+        problem = f"{channel.topic} is of type {channel.type_name}, must be {needed}"
+        raise BagError(bag.path, problem)
+
+
+def _to_history(streams: Mapping[str, Stream], assistant: str) -> RunHistory:
+    motion = _true_motion(streams[_TRUTH]) if _TRUTH in streams else _integrated(streams)
+    streams = {name: one for name, one in streams.items() if name != _ESTIMATE or _TRUTH in streams}
+    stamps = motion["stamp_ns"]
+    if np.any(np.diff(stamps) == 0):
+        raise ValueError("stamps of the ground truth occur twice")
+    wheel_names = tuple(streams[_WHEELS].messages[0].name)
+    wheels = len(wheel_names)
+
+    def sampled(topic: str, width: int, values: Callable[[Any], Any]) -> FloatArray:
+        """Return the values of a topic at each control stamp, shape (T, width); NaN if unknown.
+
+        Args:
+            topic: name of the topic.
+            width: number of values per message.
+            values: function that returns the values of a message.
+        """
+        rows = np.full((len(stamps), width), np.nan)
+        if topic in streams:
+            # t_{k-1} < stamp <= t_k; of several messages in one period, the last one is used.
+            places = np.searchsorted(stamps, streams[topic].stamp_ns, side="left")
+            for place, message in zip(places.tolist(), streams[topic].messages, strict=True):
+                if place < len(stamps):
+                    rows[place] = values(message)
+        return rows
+
+    def by_wheel(topic: str, field: str) -> FloatArray:
+        # A vehicle that does not measure wheel angles or brake torques leaves the field empty.
+        return sampled(
+            topic,
+            wheels,
+            lambda message: (
+                ordered(message, field, wheel_names) if len(getattr(message, field)) else np.nan
+            ),
+        )
+
+    return RunHistory.from_quaternions(
+        wheel_names=wheel_names,
+        **motion,
+        wheel_angle=by_wheel(_WHEELS, "position"),
+        wheel_speed=by_wheel(_WHEELS, "velocity"),
+        brake_torque=by_wheel(_WHEELS, "effort"),
+        enable=by_wheel(_ENABLE, "effort"),
+        error=by_wheel(_ERROR, "velocity"),
+        pedal=sampled(_PEDAL, 1, demand)[:, 0],
+        estimate=sampled(_ESTIMATE, 3, lambda message: planar_twist(message.twist.twist)),
+        estimate_variance=sampled(_ESTIMATE, 3, lambda m: m.twist.covariance[_VARIANCES]),
+        assist_state=_assist_states(stamps, streams.get(_DIAGNOSTICS), assistant),
+    )
+
+
+def _true_motion(truth: Stream) -> dict[str, Any]:
+    poses = [message.pose.pose for message in truth.messages]
+    return {
+        "stamp_ns": truth.stamp_ns,
+        "position": [(pose.position.x, pose.position.y) for pose in poses],
+        "orientation": [(pose.orientation.z, pose.orientation.w) for pose in poses],
+        "twist": [planar_twist(message.twist.twist) for message in truth.messages],
+    }
+
+
+def _integrated(streams: Mapping[str, Stream]) -> dict[str, Any]:
+    """Return the motion of a vehicle without ground truth: the integral of the measured twist.
+
+    The motion starts at the origin and is sampled at the stamps of the wheel speeds. The result
+    contains arguments of `RunHistory.from_quaternions`, keyed by name.
+
+    Raises:
+        ValueError: the twist is never measured.
+    """
+    stream = streams.get(_ESTIMATE)
+    messages = stream.messages if stream else ()
+    twists = np.reshape([measured_twist(message.twist) for message in messages], (-1, 3))
+    known = np.all(np.isfinite(twists), axis=1)
+    if stream is None or not np.any(known):
+        raise ValueError(f"neither /{_TRUTH} nor a measured /{_ESTIMATE} is recorded")
+    stamp_ns = streams[_WHEELS].stamp_ns
+    time, measured_at = (1e-9 * (one - stamp_ns[0]) for one in (stamp_ns, stream.stamp_ns[known]))
+    twist = np.column_stack([np.interp(time, measured_at, values) for values in twists[known].T])
+    steps = 0.5 * (twist[1:] + twist[:-1]) * np.diff(time)[:, np.newaxis]
+    yaw = np.concatenate(([0.0], np.cumsum(steps[:, 2])))
+    moves = turned(steps[:, :2], yaw[:-1] + 0.5 * steps[:, 2])
+    return {
+        "stamp_ns": stamp_ns,
+        "position": np.concatenate((np.zeros((1, 2)), np.cumsum(moves, axis=0))),
+        "orientation": np.column_stack((np.sin(0.5 * yaw), np.cos(0.5 * yaw))),
+        "twist": twist,
+    }
+
+
+def _assist_states(stamps: IntArray, stream: Stream | None, assistant: str) -> list[str]:
+    """Return the state of the brake assistant at each control stamp.
+
+    The state is an empty text before the first report.
+
+    Args:
+        stamps: control stamps [ns], shape (T,).
+        stream: messages on `/diagnostics`; None if there are none.
+        assistant: name of the assistant's status in these messages.
+    """
+    states = [""] * len(stamps)
+    for stamp_ns, message in zip(stream.stamp_ns, stream.messages, strict=True) if stream else ():
+        for status in message.status:
+            values = {pair.key: pair.value for pair in status.values}
+            if status.name == assistant and "state" in values:
+                first = int(np.searchsorted(stamps, stamp_ns, side="left"))
+                states[first:] = [values["state"]] * (len(stamps) - first)
+    return states
+
+
+def ordered(message: Any, field: str, wheel_names: Sequence[str]) -> FloatArray:
+    """Return a field of a JointState with its N values in the order of `wheel_names`, shape (N,).
+
+    Raises:
+        ValueError: the message has other wheels, or another number of values.
+    """
+    values: FloatArray = getattr(message, field)
+    if list(message.name) == list(wheel_names):
+        if len(values) != len(wheel_names):
+            raise ValueError(f"{len(values)} values of {field} for {len(wheel_names)} wheels")
+        return values
+    if sorted(message.name) != sorted(wheel_names) or len(values) != len(wheel_names):
+        raise ValueError(f"wheels {', '.join(message.name)} are not {', '.join(wheel_names)}")
+    order = [message.name.index(name) for name in wheel_names]
+    return values[order]
+
+
+def demand(pedal: Any) -> float:
+    """Return the braking demand in a message on `brake/pedal` [1]; NaN if the message is empty."""
+    return float(pedal.position[0]) if len(pedal.position) else np.nan
+
+
+def planar_twist(twist: Any) -> tuple[float, float, float]:
+    """Return ``(v_x, v_y, yaw rate)`` [m/s, m/s, rad/s] of a geometry_msgs Twist."""
+    return twist.linear.x, twist.linear.y, twist.angular.z
+
+
+def measured_twist(twist: Any) -> FloatArray:
+    """Return ``(v_x, v_y, yaw rate)`` [m/s, m/s, rad/s] of a TwistWithCovariance, shape (3,).
+
+    Components that were not measured are NaN; their variance is `UNMEASURED_VARIANCE` or more.
+    """
+    variance = np.asarray(twist.covariance)[_VARIANCES]
+    return np.where(variance < UNMEASURED_VARIANCE, planar_twist(twist.twist), np.nan)

@@ -1,0 +1,1 @@
+"""Runs of an experiment with several values of its parameters."""

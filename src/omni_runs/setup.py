@@ -1,0 +1,15 @@
+"""Installs omni_runs as an ament_python package."""
+
+import sys
+
+sys.path.insert(0, "../omni_core")
+from ament_package import install
+
+install(
+    nodes={"player": "omni_runs.replay.player_node"},
+    commands={
+        "replay": "omni_runs.replay.command",
+        "run": "omni_runs.graph.command",
+    },
+    data=["figures/omni.mplstyle"],
+)

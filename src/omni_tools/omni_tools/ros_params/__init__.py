@@ -1,0 +1,1 @@
+"""Parameter files for the nodes on a real vehicle."""

@@ -1,0 +1,146 @@
+"""``./omni new-vehicle``: write the files of your vehicle from a few measured numbers.
+
+Write the files of a vehicle, its line cameras and an example stop into a folder. Estimated values
+are marked, and implausible values are reported. On a terminal, the command asks for values that are
+not given.
+"""
+
+import contextlib
+import dataclasses
+import shlex
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from omni_core.brakes import TYPICAL
+from omni_core.commands.command_options import CommandOptions, option, option_of
+from omni_core.commands.command_report import Report, entries_by_case, make_folder
+from omni_core.configuration import ConfigurationError, declared_parameters, from_mapping
+from omni_runs.workspace import ExperimentWorkspace
+
+_MECANUM, _OMNI, _KIWI = KINDS = ("mecanum", "omni", "kiwi")
+_USUAL = {_MECANUM: 4, _OMNI: 4, _KIWI: 3}  # default number of wheels
+
+
+class Options(CommandOptions):
+    """Options of ``omni new-vehicle``."""
+
+    name: str = option(positional=True, metavar="NAME")
+    """name of the vehicle and of its folder"""
+    length: float | None = option(None, unit="m")
+    """length of the chassis"""
+    width: float | None = option(None, unit="m")
+    """width of the chassis"""
+    mass: float | None = option(None, unit="kg")
+    """mass of the chassis including wheels"""
+    wheel_radius: float | None = option(None, unit="m")
+    """radius of a wheel"""
+    kind: str | None = option(None, choices=KINDS)
+    """type of the wheels: `mecanum` in pairs (default), `omni` for omni-wheels on a circle, or
+    `kiwi` for three omni-wheels"""
+    wheels: int | None = option(None)
+    """number of wheels (default: 4; 3 for a kiwi)"""
+    load: float | None = option(None, unit="kg")
+    """mass of a load at the front left (default: 0)"""
+    drive_torque: float | None = option(None, unit="N m")
+    """maximum torque of a drive at its wheel (default: an estimate)"""
+    drive_power: float | None = option(None, unit="W")
+    """maximum power with which a drive brakes its wheel (default: no limit)"""
+    brakes: str | None = option(None, choices=tuple(TYPICAL))
+    """kind of brakes: `on_off` for on-off valves (default), `spring` for spring-applied brakes,
+    `proportional` for proportional brakes, `torque` or `velocity` for drives with a torque or a
+    velocity command"""
+    out: Path | None = option(None, metavar="DIR")
+    """new folder for the files (default: NAME)"""
+
+
+def run(options: Options, workspace: ExperimentWorkspace) -> Report:
+    """Write the files, and report the loads and forces of each wheel."""
+    from omni_core.quantities import plain
+    from omni_runs.graph.run_folder import unused
+    from omni_runs.plausibility import remarks
+    from omni_sim.vehicle.plausibility import wheel_facts
+    from omni_tools.vehicles.estimates import Measured, write_vehicle
+
+    folder = unused(options.out or Path(options.name))
+    answers = _answers(options)
+    try:
+        measured = from_mapping(Measured, answers)
+    except ConfigurationError as error:
+        raise ConfigurationError(option_of(Options, error.key), error.problem) from None
+    paths = write_vehicle(options.name, measured, make_folder(folder))
+    experiment = workspace.experiment_library().load(str(folder / "experiment.yaml"), "assisted")
+    facts = wheel_facts(experiment.vehicle, experiment.ground.friction)
+    notes = list(remarks(experiment))
+    return Report(
+        metrics=entries_by_case(
+            {
+                name: {key: (value, "N") for key, value in dataclasses.asdict(fact).items()}
+                for name, fact in facts.items()
+            }
+        ),
+        details={"notes": notes, "files": list(map(str, paths))},
+        files=paths,
+        hints=(
+            *(
+                f"{name}: load {plain(fact.load)} N, friction limit {plain(fact.grip)} N, "
+                f"brake force {plain(fact.brake_force)} N"
+                for name, fact in facts.items()
+            ),
+            *(f"note: {note}" for note in notes),
+            "estimates are marked in vehicle.yaml; replace what you can measure",
+            f"run a stop: ./omni run {shlex.quote(str(folder / 'experiment.yaml'))}",
+            f"compare speed sensors: ./omni study feedback --vehicle {shlex.quote(str(folder))}",
+        ),
+    )
+
+
+def _answers(options: Options) -> dict[str, Any]:
+    """Return the values of `Measured` from the options; ask on the terminal for missing values."""
+    from omni_tools.vehicles.estimates import Measured
+
+    values: dict[str, Any] = {}
+    for name, kind, info in declared_parameters(Measured):
+        usual: Any = getattr(Measured, name, None)
+        if name == "wheels":
+            usual = _USUAL[values["kind"]]
+        given = getattr(options, name)
+        words = f"{info.description} [{info.unit}]" if info.unit else info.description
+        choices = KINDS if name == "kind" else info.choices
+        flag = f"--{name.replace('_', '-')}"
+        values[name] = _entered(flag, words, kind, choices, usual) if given is None else given
+    if values["kind"] == _KIWI:
+        if values["wheels"] != _USUAL[_KIWI]:
+            raise ConfigurationError("--wheels", f"{values['wheels']} must be 3 for a kiwi")
+        values["kind"] = _OMNI
+    return values
+
+
+def _entered(flag: str, words: str, kind: Any, choices: Sequence[str] | None, usual: Any) -> Any:
+    """Return the value that the user enters on the terminal, or the usual value if none is given.
+
+    Args:
+        flag: option for this value, for error messages.
+        words: description of the value, with its unit.
+        kind: type of the value.
+        choices: permitted values; None for any value.
+        usual: value if nothing is entered; None if a value must be entered.
+
+    Raises:
+        ConfigurationError: there is no terminal and no usual value.
+    """
+    from rich import console, markup, prompt
+
+    dialog: Any = {float: prompt.FloatPrompt, int: prompt.IntPrompt}.get(kind, prompt.Prompt)
+    if sys.stdin.isatty():
+        with contextlib.suppress(EOFError):
+            return dialog.ask(
+                markup.escape(words),
+                console=console.Console(stderr=True),
+                choices=choices and list(choices),
+                default=... if usual is None else usual,
+            )
+    if usual is None:
+        raise ConfigurationError(flag, f"is required: the {words}")
+    return usual
