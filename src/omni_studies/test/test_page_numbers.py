@@ -11,18 +11,18 @@ import pytest
 from omni_studies import page_numbers
 
 PAGE = """Before.
-<!-- numbers: ice
-| {rotation.assisted:.1f} deg | {other:length.b:.2f} m | {rotation.gone:.1f} |
--->
+<!-- numbers: ice.stops -->
 | old |
 <!-- /numbers -->
 After.
 """
+TEMPLATE = "| {rotation.assisted:.1f} deg | {other:length.b:.2f} m | {rotation.gone:.1f} |\n"
 
 
 @pytest.fixture
 def workspace(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    (tmp_path / "docs").mkdir()
+    (tmp_path / "docs/templates").mkdir(parents=True)
+    (tmp_path / "docs/templates/ice.stops.txt").write_text(TEMPLATE)
     (tmp_path / "docs/page.md").write_text(PAGE)
     (tmp_path / "docs/dissertation.yaml").write_text("chapter: []\n")
     (tmp_path / "docs/numbers.json").write_text("{}")
@@ -110,11 +110,10 @@ def test_a_line_is_repeated_for_entries_and_reads_tables(
     workspace: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     page = workspace / "docs/page.md"
-    page.write_text(
-        "<!-- numbers: tires\n"
+    page.write_text("<!-- numbers: tires -->\n<!-- /numbers -->\n")
+    (workspace / "docs/templates/tires.txt").write_text(
         "each: soft tire, 1 bar; hard tire, 9 bar\n"
         "| $1 at $2 | {grip.$1_mean_1:.1f} | {soft:grip.$1_mean_1:.1f} |\n"
-        "-->\n<!-- /numbers -->\n"
     )
     for folder, factor in (("a", 1.0), ("b", 2.0)):
         (workspace / folder).mkdir()
