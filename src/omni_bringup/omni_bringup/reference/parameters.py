@@ -5,7 +5,6 @@
 
 import dataclasses
 import sys
-import typing
 from collections.abc import Iterator
 from typing import Any
 
@@ -15,7 +14,7 @@ from omni_platform.configuration import ParameterInfo
 _HEAD = """\
 # Parameters
 
-This page lists the parameters of nodes and experiments with default, unit, range and meaning.
+This page lists the parameters of nodes and experiments with default, range, unit and meaning.
 It is generated from the code by `python -m omni_bringup.reference.parameters`; do not edit it.
 The READMEs of the packages list the parameters for the communication of each node, such as its
 timeouts, and those of the nodes `recorder`, `player` and `driver`.
@@ -52,7 +51,7 @@ def reference() -> str:
         "Readings of `flow_sensor`\n": FlowNodeConfiguration,
         "Node `twist_adapter` (package `omni_vehicle`)\n": TwistAdapterConfiguration,
     }
-    head = "| parameter | default | unit | range | meaning |\n|---|---|---|---|---|"
+    head = "| parameter | default | range and unit | meaning |\n|---|---|---|---|"
     listed: dict[Any, str] = {}
     tables = []
     for title, cls in sections.items():
@@ -85,15 +84,15 @@ def _rows(cls: Any, node: str, listed: dict[Any, str], prefix: str = "") -> Iter
         if name in inherited:
             continue
         if group is None:
-            yield _row(key, kind, info, defaults[name])
+            yield _row(key, info, defaults[name])
         elif group in listed:
-            yield f"| `{key}.*` | | | | {listed[group]} |"
+            yield f"| `{key}.*` | | | {listed[group]} |"
         else:
             listed[group] = f"as `{key}.*` of `{node}`"
             yield from _rows(group, node, listed, key)
 
 
-def _row(key: str, kind: Any, info: ParameterInfo, default: Any) -> str:
+def _row(key: str, info: ParameterInfo, default: Any) -> str:
     shown = "required" if default is dataclasses.MISSING else f"`{_in_yaml(default)}`"
     if info.choices is not None:
         permitted = ", ".join(f"`{choice}`" for choice in info.choices)
@@ -102,8 +101,8 @@ def _row(key: str, kind: Any, info: ParameterInfo, default: Any) -> str:
     else:
         low = f"[{info.minimum:g}" if info.above is None else f"({info.above:g}"
         permitted = f"{low}, inf)" if info.maximum is None else f"{low}, {info.maximum:g}]"
-    unit = info.unit or {bool: "", str: "", int: "1", float: "1"}.get(typing.cast(type, kind), "")
-    return f"| `{key}` | {shown} | {unit} | {permitted} | {info.description} |"
+    values = f"{permitted} {info.unit}".strip()
+    return f"| `{key}` | {shown} | {values} | {info.description} |"
 
 
 def _in_yaml(value: Any) -> str:
