@@ -60,7 +60,7 @@ def page(folder: Path) -> str:
     parts = [
         "# The dissertation, row by row\n\nThis page lists every equation, figure, table and claim "
         "of the dissertation, its status in this project,\nand the command or test that shows it.\n"
-        "Use it to check a claim, or to find the module of an equation.\n\n"
+        "\n"
         "This page is generated from `dissertation.yaml` by "
         "`python -m omni_bringup.reference.dissertation`; do not edit it.\n"
         '"The text" is V. Kálmán, *On modeling and control of omnidirectional '
