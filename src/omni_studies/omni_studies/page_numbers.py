@@ -15,13 +15,7 @@ and a word follow if the pages have several tables of one study::
 ``{study:metric.case:.1f}`` refers to a metric of another study, and ``run_EXPERIMENT`` to a run
 over the ROS graph. ``{table.row_column}`` refers to a cell of ``table.csv`` in the folder of the
 study. ``row`` is the first cell of the row and ``column`` the head of the column; in both, ``_``
-replaces all characters except letters and digits. A line ``each:`` repeats the next line for each
-of the entries that it lists, separated by semicolons. In this next line, ``$1`` and ``$2`` are
-replaced by the parts of an entry before and after its comma; inside braces the same rule for ``_``
-applies::
-
-    each: rear axle, 2 m; front axle, 3 m
-    | $1 at $2 | {loads.$1_mean:.0f} N |
+replaces all characters except letters and digits.
 
 ``docs/numbers.json`` stores the numbers that the templates use. This program reads them from the
 given ``summary.json`` files and fills the pages. The results of a study that was run with other
@@ -57,7 +51,6 @@ PICTURE_NUMBERS = "omni numbers"
 
 _PLACE = re.compile(r"\{(?:(\w+):)?([a-z]\w*\.[\w.]+?)(?::([^{}]*))?\}")
 _BLOCK = re.compile(r"(<!-- numbers: ((\w+)[.\w]*) -->\n).*?(<!-- /numbers -->)", re.DOTALL)
-_EACH = re.compile(r"^each: (.*)\n(.*)$", re.MULTILINE)
 _PAGES = ("README.md", "docs/*.md", "benchmarks/*.md", "src/*/README.md")
 
 
@@ -73,22 +66,6 @@ class Place(NamedTuple):
     study: str
     metric: str
     form: str
-
-
-def expanded(template: str) -> str:
-    """Return a template with the lines after ``each:`` repeated for all entries."""
-    return _EACH.sub(
-        lambda each: "\n".join(_with_entry(each[2], entry) for entry in each[1].split(";")),
-        template,
-    )
-
-
-def _with_entry(line: str, entry: str) -> str:
-    """Return a line with ``$1`` and ``$2`` replaced by the parts of an entry."""
-    for number, part in enumerate(re.split(r",\s*", entry.strip()), 1):
-        within_braces = rf"\${number}(?=[^{{}}]*\}})"
-        line = re.sub(within_braces, _word(part), line).replace(f"${number}", part)
-    return line
 
 
 def _word(text: str) -> str:
@@ -110,7 +87,7 @@ def filled(template: str, study: str, numbers: Numbers) -> str:
             return " ✗" if value else ""
         return "-" if value is None else format(value, found[3] or "")
 
-    return _PLACE.sub(number, expanded(template))
+    return _PLACE.sub(number, template)
 
 
 def shown(workspace: Path) -> Iterator[tuple[Path, Place]]:
@@ -126,7 +103,7 @@ def shown(workspace: Path) -> Iterator[tuple[Path, Place]]:
     ]
     table = workspace / "docs/dissertation.yaml"
     for page, study, template in (*templates, (table, "", table.read_text(encoding="utf-8"))):
-        for found in _PLACE.finditer(expanded(template)):
+        for found in _PLACE.finditer(template):
             yield page, Place(found[1] or study, found[2], found[3] or "")
 
 
