@@ -75,12 +75,9 @@ def _rows(cls: Any, node: str, listed: dict[Any, str], prefix: str = "") -> Iter
     bases = [base for base in cls.__mro__[1:] if base in listed and not prefix]
     inherited = {name for base in bases for name, _, _ in configuration.declared_parameters(base)}
     for name, kind, info in configuration.declared_parameters(cls):
-        key = configuration.join_key(prefix, name)
-        group = configuration.element_configuration(kind)
-        if group is not None:
-            key += ".<name>"
-        elif configuration.is_configuration(kind):
-            group = kind
+        element = configuration.element_configuration(kind)
+        group = kind if configuration.is_configuration(kind) else element
+        key = configuration.join_key(prefix, f"{name}.<name>" if element else name)
         if name in inherited:
             continue
         if group is None:
