@@ -38,7 +38,8 @@ def on_files(files: Files, config: Any) -> Files:
         files.append(File.generated(config, uri, content=_as_page(notebook)))
     navigation = Path(config["config_file_path"]).read_text(encoding="utf-8")
     named = [_ROOT / place for place in re.findall(rf"{_SOURCE}/(\S+)", navigation)]
-    files.extend(_brought(place, config) for place in named)
+    for place in named:
+        files.append(_brought(place, config))
     waiting = [Path(file.abs_src_path) for file in files.documentation_pages() if file.abs_src_path]
     waiting += named
     seen: set[Path] = set(waiting)
