@@ -1,13 +1,16 @@
-"""Measure the size of the project by package: lines of code and named numbers, without tests.
+"""Measure the size of the project: lines of code and named numbers by package, words of the pages.
 
 A line of code is a line that is not blank and not only a comment or docstring. A named number is a
-number with a capitalized name at the top of a module, as in ``_LIMIT = 0.3``.
+number with a capitalized name at the top of a module, as in ``_LIMIT = 0.3``. Tests do not count.
+A page is a Markdown file in Git other than the change log; generated pages count too. A word is
+what stands between blanks, as for ``wc -w``; the bars of a table, code and comments count as well.
 """
 
 import argparse
 import ast
 import io
 import json
+import subprocess
 import tokenize
 from collections import Counter
 from collections.abc import Iterator
@@ -75,6 +78,15 @@ def is_number(node: ast.expr) -> bool:
     return isinstance(node, ast.Constant) and type(node.value) in (int, float)
 
 
+def words() -> int:
+    """Count the words of all pages."""
+    listed = subprocess.run(
+        ("git", "ls-files", "*.md"), cwd=WORKSPACE, check=True, stdout=subprocess.PIPE
+    )
+    pages = set(listed.stdout.decode().split()) - {"CHANGELOG.md"}
+    return sum(len((WORKSPACE / page).read_text(encoding="utf-8").split()) for page in pages)
+
+
 def main() -> None:
     """Count lines and named numbers, and print a table or a JSON document."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -98,11 +110,13 @@ def main() -> None:
             for name, numbers in counts.items()
             for package, number in numbers.items()
         }
+        metrics["words.pages"] = {"value": words(), "unit": "1"}
         print(json.dumps({"name": "size", "metrics": metrics}, indent=2))
         return
     print(f"{'':20}" + "".join(f"{name.replace('_', ' '):>12}" for name in counts))
     for package in sorted(counts["files"], key=lambda name: (name == "all", name)):
         print(f"{package:20}" + "".join(f"{n[package]:12}" for n in counts.values()))
+    print(f"{'words of pages':20}{words():12}")
 
 
 if __name__ == "__main__":

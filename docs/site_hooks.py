@@ -36,10 +36,12 @@ def on_files(files: Files, config: Any) -> Files:
     for notebook in sorted((_ROOT / "docs").rglob("*.ipynb")):
         uri = notebook.relative_to(_ROOT / "docs").with_suffix(".md").as_posix()
         files.append(File.generated(config, uri, content=_as_page(notebook)))
-    for place in _places(config["nav"]):
-        files.append(_brought(_ROOT / place, config))
+    navigation = Path(config["config_file_path"]).read_text(encoding="utf-8")
+    named = [_ROOT / place for place in re.findall(rf"{_SOURCE}/(\S+)", navigation)]
+    for place in named:
+        files.append(_brought(place, config))
     waiting = [Path(file.abs_src_path) for file in files.documentation_pages() if file.abs_src_path]
-    waiting += [_ROOT / place for place in _places(config["nav"])]
+    waiting += named
     seen: set[Path] = set(waiting)
     while waiting:
         page = waiting.pop()
@@ -52,16 +54,6 @@ def on_files(files: Files, config: Any) -> Files:
             if target.suffix == ".md":
                 waiting.append(target)
     return files
-
-
-def _places(nav: Any) -> Iterator[str]:
-    """Yield the files outside of ``docs/`` that the navigation names."""
-    if isinstance(nav, str):
-        if nav.startswith(f"{_SOURCE}/"):
-            yield nav.removeprefix(f"{_SOURCE}/")
-        return
-    for part in nav.values() if isinstance(nav, dict) else nav:
-        yield from _places(part)
 
 
 def _as_page(notebook: Path) -> str:

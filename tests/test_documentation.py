@@ -75,9 +75,17 @@ def test_numbers_of_studies_are_filled() -> None:
         if row[4].startswith("study ") and len(row) > 6:
             assert re.search(r"\{\w+:\w+\.", row[6]), row
     numbers = page_numbers.stored(WORKSPACE)
-    for path, study, template in page_numbers.templates(WORKSPACE):
-        for place in page_numbers.places(template, study):
-            assert place.metric in numbers[place.study], (path.name, place)
+    for path, place in page_numbers.shown(WORKSPACE):
+        assert place.metric in numbers[place.study], (path.name, place)
+
+
+def test_each_template_is_of_one_table_of_a_page() -> None:
+    patterns = ("README.md", "docs/*.md", "benchmarks/*.md", "src/*/README.md")
+    pages = " ".join(
+        page.read_text("utf-8") for pattern in patterns for page in WORKSPACE.glob(pattern)
+    )
+    files = sorted(path.stem for path in (WORKSPACE / "docs/templates").iterdir())
+    assert sorted(re.findall(r"<!-- numbers: (\S+) -->", pages)) == files
 
 
 def test_pictures_and_pages_show_the_same_numbers() -> None:
@@ -86,14 +94,13 @@ def test_pictures_and_pages_show_the_same_numbers() -> None:
     for picture in (WORKSPACE / "docs/images").glob("*.png"):
         with Image.open(picture) as image:
             found = json.loads(image.info.get(page_numbers.PICTURE_NUMBERS, "{}"))
-        for path, named, template in page_numbers.templates(WORKSPACE):
-            for place in page_numbers.places(template, named):
-                if place.study in found:
-                    old = format(found[place.study][place.metric], place.form)
-                    assert old == format(numbers[place.study][place.metric], place.form), (
-                        f"{picture.name} is older than {path.name}: {place.metric}; "
-                        "run benchmarks/pictures.py"
-                    )
+        for path, place in page_numbers.shown(WORKSPACE):
+            if place.study in found:
+                old = format(found[place.study][place.metric], place.form)
+                assert old == format(numbers[place.study][place.metric], place.form), (
+                    f"{picture.name} is older than {path.name}: {place.metric}; "
+                    "run benchmarks/pictures.py"
+                )
         drawn |= {(study, picture.stem) for study in found}
     program = runpy.run_path(str(WORKSPACE / "benchmarks/pictures.py"))
     shown = {(study, name) for study, _, files in program["DRAWN"] for name in files}

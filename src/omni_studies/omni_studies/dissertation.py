@@ -60,27 +60,35 @@ def page(folder: Path) -> str:
     parts = [
         "# The dissertation, row by row\n\nThis page lists every equation, figure, table and claim "
         "of the dissertation, its status in this project,\nand the command or test that shows it.\n"
-        "Use it to check a claim, or to find the module of an equation.\n\n"
+        "\n"
         "This page is generated from `dissertation.yaml` by "
         "`python -m omni_studies.dissertation`; do not edit it.\n"
         '"The text" is V. Kálmán, *On modeling and control of omnidirectional '
-        "wheels*, BME Budapest 2013.\n\n"
+        "wheels*, BME Budapest 2013.\n"
+        "`./omni test FILE` runs a test.\n\n"
         "| status | rows | meaning |\n|---|---|---|",
         *(f"| {status} | {counts[status]} | {words} |" for status, words in STATUSES.items()),
     ]
     for title, rows in found.items():
         parts.append(
-            f"\n## {title}\n\n| text | claim | number | status | shown by | module | remark |"
+            f"\n## {title}\n\n| text | claim | status | shown by | module | number and remark |"
         )
-        parts.append("|---|---|---|---|---|---|---|")
+        parts.append("|---|---|---|---|---|---|")
         for row in rows:
-            where = f"[`{Path(row.module).name}`](../{row.module})" if row.module else ""
+            kind, _, names = row.command.partition(" ")
             shown = f"`./omni {row.command}`" if row.command else ""
+            if kind == "test":
+                shown = " ".join(map(_link, names.split()))
+            remark = "; ".join(filter(None, (row.number, row.remark)))
             parts.append(
-                f"| {row.place} | {row.what} | {row.number} | {row.status} | {shown} | {where} | "
-                f"{row.remark} |"
+                f"| {row.place} | {row.what} | {row.status} | {shown} | {_link(row.module)} | "
+                f"{remark} |"
             )
     return "\n".join(parts) + "\n"
+
+
+def _link(path: str) -> str:
+    return f"[`{Path(path).name}`](../{path})" if path else ""
 
 
 if __name__ == "__main__":

@@ -1,24 +1,21 @@
 """Insertion of measured numbers into the pages, from the documents of the commands.
 
-A page contains a template in a comment, and the filled template below it::
+A page names the template of a table, and contains the filled template below this name::
 
-    <!-- numbers: ice_patch
-    | rotation [deg] | {orientation_change.assisted:.1f} |
-    -->
+    <!-- numbers: ice_patch -->
     | rotation [deg] | 2.4 |
     <!-- /numbers -->
+
+``docs/templates/ice_patch.txt`` contains the template. Its name begins with the study; a full stop
+and a word follow if the pages have several tables of one study::
+
+    | rotation [deg] | {orientation_change.assisted:.1f} |
 
 ``{metric.case:mark}`` inserts a mark if the metric is not zero, and nothing if it is zero.
 ``{study:metric.case:.1f}`` refers to a metric of another study, and ``run_EXPERIMENT`` to a run
 over the ROS graph. ``{table.row_column}`` refers to a cell of ``table.csv`` in the folder of the
 study. ``row`` is the first cell of the row and ``column`` the head of the column; in both, ``_``
-replaces all characters except letters and digits. A line ``each:`` repeats the next line for each
-of the entries that it lists, separated by semicolons. In this next line, ``$1`` and ``$2`` are
-replaced by the parts of an entry before and after its comma; inside braces the same rule for ``_``
-applies::
-
-    each: rear axle, 2 m; front axle, 3 m
-    | $1 at $2 | {loads.$1_mean:.0f} N |
+replaces all characters except letters and digits.
 
 ``docs/numbers.json`` stores the numbers that the templates use. This program reads them from the
 given ``summary.json`` files and fills the pages. The results of a study that was run with other
@@ -53,8 +50,7 @@ PICTURE_NUMBERS = "omni numbers"
 """Key of the text in a PNG file that contains the numbers of the picture as a JSON document."""
 
 _PLACE = re.compile(r"\{(?:(\w+):)?([a-z]\w*\.[\w.]+?)(?::([^{}]*))?\}")
-_BLOCK = re.compile(r"(<!-- numbers: (\w+)\n(.*?)-->\n).*?(<!-- /numbers -->)", re.DOTALL)
-_EACH = re.compile(r"^each: (.*)\n(.*)$", re.MULTILINE)
+_BLOCK = re.compile(r"(<!-- numbers: ((\w+)[.\w]*) -->\n).*?(<!-- /numbers -->)", re.DOTALL)
 _PAGES = ("README.md", "docs/*.md", "benchmarks/*.md", "src/*/README.md")
 
 
@@ -72,34 +68,8 @@ class Place(NamedTuple):
     form: str
 
 
-def expanded(template: str) -> str:
-    """Return a template with the lines after ``each:`` repeated for all entries."""
-
-    def lines(found: re.Match[str]) -> str:
-        return "\n".join(_with_entry(found[2], entry) for entry in found[1].split(";"))
-
-    return _EACH.sub(lines, template)
-
-
-def _with_entry(line: str, entry: str) -> str:
-    """Return a line with ``$1`` and ``$2`` replaced by the parts of an entry."""
-    parts = re.split(r",\s*", entry.strip())
-    return re.sub(r"\{[^{}]*\}|\$\d", lambda place: _inserted(place[0], parts), line)
-
-
-def _inserted(place: str, parts: list[str]) -> str:
-    words = [_word(part) for part in parts] if place.startswith("{") else parts
-    return re.sub(r"\$(\d)", lambda number: words[int(number[1]) - 1], place)
-
-
 def _word(text: str) -> str:
     return re.sub(r"\W+", "_", text).strip("_")
-
-
-def places(template: str, study: str) -> Iterator[Place]:
-    """Yield the references in a template; `study` applies to references without a study."""
-    for found in _PLACE.finditer(expanded(template)):
-        yield Place(found[1] or study, found[2], found[3] or "")
 
 
 def filled(template: str, study: str, numbers: Numbers) -> str:
@@ -117,35 +87,33 @@ def filled(template: str, study: str, numbers: Numbers) -> str:
             return " ✗" if value else ""
         return "-" if value is None else format(value, found[3] or "")
 
-    return _PLACE.sub(number, expanded(template))
+    return _PLACE.sub(number, template)
 
 
-def templates(workspace: Path) -> Iterator[tuple[Path, str, str]]:
-    """Yield page, study and template of every block of numbers in the pages.
+def shown(workspace: Path) -> Iterator[tuple[Path, Place]]:
+    """Yield page and place of every number that the pages show.
 
-    The last item is the file ``docs/dissertation.yaml`` with an empty study, because all references
-    in this file name their study.
+    The last page is the file ``docs/dissertation.yaml``, in which all references name their study.
     """
-    for page in (path for pattern in _PAGES for path in sorted(workspace.glob(pattern))):
-        for block in _BLOCK.finditer(page.read_text(encoding="utf-8")):
-            yield page, block[2], block[3]
+    templates = [
+        (page, block[3], _template(workspace, block[2]))
+        for pattern in _PAGES
+        for page in sorted(workspace.glob(pattern))
+        for block in _BLOCK.finditer(page.read_text(encoding="utf-8"))
+    ]
     table = workspace / "docs/dissertation.yaml"
-    yield table, "", table.read_text(encoding="utf-8")
+    for page, study, template in (*templates, (table, "", table.read_text(encoding="utf-8"))):
+        for found in _PLACE.finditer(template):
+            yield page, Place(found[1] or study, found[2], found[3] or "")
 
 
 def used_numbers(workspace: Path, study: str) -> set[str]:
     """Return the names of the metrics of a study that the pages show."""
-    return {
-        place.metric
-        for _, named, template in templates(workspace)
-        for place in places(template, named)
-        if place.study == study
-    }
+    return {place.metric for _, place in shown(workspace) if place.study == study}
 
 
-def page_with(text: str, numbers: Numbers) -> str:
-    """Return the text of a page in which all templates are filled with numbers."""
-    return _BLOCK.sub(lambda b: b[1] + filled(b[3], b[2], numbers) + b[4], text)
+def _template(workspace: Path, name: str) -> str:
+    return (workspace / f"docs/templates/{name}.txt").read_text(encoding="utf-8")
 
 
 def stored(workspace: Path) -> dict[str, dict[str, float | None]]:
@@ -219,27 +187,29 @@ def main() -> int:
     parser.add_argument("--check", action="store_true", help="only report outdated numbers")
     options = parser.parse_args()
     workspace = Path(os.environ.get("OMNI_WORKSPACE", "."))
-    used = [place for _, study, text in templates(workspace) for place in places(text, study)]
-    numbers, new = stored(workspace), measured(options.files, used)
+    used = list(shown(workspace))
+    numbers, new = stored(workspace), measured(options.files, [place for _, place in used])
     kept: dict[str, dict[str, float | None]] = {}
     problems = []
-    for page, study, template in templates(workspace):
-        for place in places(template, study):
-            old = numbers.get(place.study, {}).get(place.metric)
-            value = new[place.study].get(place.metric) if place.study in new else old
-            if (options.check or value is None) and outdated(place, old, value):
-                problems.append(f"{page.name}: {place.study} {place.metric}: {old}, now {value}")
-            kept.setdefault(place.study, {})[place.metric] = value
+    for page, place in used:
+        old = numbers.get(place.study, {}).get(place.metric)
+        value = new[place.study].get(place.metric) if place.study in new else old
+        if (options.check or value is None) and outdated(place, old, value):
+            problems.append(f"{page.name}: {place.study} {place.metric}: {old}, now {value}")
+        kept.setdefault(place.study, {})[place.metric] = value
     if not options.check:
         text = json.dumps(kept, indent=1, sort_keys=True) + "\n"
         (workspace / "docs/numbers.json").write_text(text, encoding="utf-8")
-    for page in dict.fromkeys(page for page, *_ in templates(workspace) if page.suffix == ".md"):
+        numbers = kept
+    for page in dict.fromkeys(page for page, _ in used if page.suffix == ".md"):
         text = page.read_text(encoding="utf-8")
-        full = page_with(text, numbers if options.check else kept)
-        if options.check and full != text:
-            problems.append(f"{page.name}: its numbers are not those of docs/numbers.json")
-        elif not options.check:
+        full = _BLOCK.sub(
+            lambda b: b[1] + filled(_template(workspace, b[2]), b[3], numbers) + b[4], text
+        )
+        if not options.check:
             page.write_text(full, encoding="utf-8")
+        elif full != text:
+            problems.append(f"{page.name}: its numbers are not those of docs/numbers.json")
     for problem in problems:
         print(problem, file=sys.stderr)
     return 1 if problems else 0

@@ -11,18 +11,18 @@ import pytest
 from omni_studies import page_numbers
 
 PAGE = """Before.
-<!-- numbers: ice
-| {rotation.assisted:.1f} deg | {other:length.b:.2f} m | {rotation.gone:.1f} |
--->
+<!-- numbers: ice.stops -->
 | old |
 <!-- /numbers -->
 After.
 """
+TEMPLATE = "| {rotation.assisted:.1f} deg | {other:length.b:.2f} m | {rotation.gone:.1f} |\n"
 
 
 @pytest.fixture
 def workspace(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    (tmp_path / "docs").mkdir()
+    (tmp_path / "docs/templates").mkdir(parents=True)
+    (tmp_path / "docs/templates/ice.stops.txt").write_text(TEMPLATE)
     (tmp_path / "docs/page.md").write_text(PAGE)
     (tmp_path / "docs/dissertation.yaml").write_text("chapter: []\n")
     (tmp_path / "docs/numbers.json").write_text("{}")
@@ -106,15 +106,12 @@ def test_two_values_of_one_metric_are_refused(
     assert run(monkeypatch, first, f"dry={second}") == 0
 
 
-def test_a_line_is_repeated_for_entries_and_reads_tables(
-    workspace: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_numbers_come_from_tables(workspace: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     page = workspace / "docs/page.md"
-    page.write_text(
-        "<!-- numbers: tires\n"
-        "each: soft tire, 1 bar; hard tire, 9 bar\n"
-        "| $1 at $2 | {grip.$1_mean_1:.1f} | {soft:grip.$1_mean_1:.1f} |\n"
-        "-->\n<!-- /numbers -->\n"
+    page.write_text("<!-- numbers: tires -->\n<!-- /numbers -->\n")
+    (workspace / "docs/templates/tires.txt").write_text(
+        "| soft tire | {grip.soft_tire_mean_1:.1f} | {soft:grip.soft_tire_mean_1:.1f} |\n"
+        "| hard tire | {grip.hard_tire_mean_1:.1f} | {soft:grip.hard_tire_mean_1:.1f} |\n"
     )
     for folder, factor in (("a", 1.0), ("b", 2.0)):
         (workspace / folder).mkdir()
@@ -123,7 +120,7 @@ def test_a_line_is_repeated_for_entries_and_reads_tables(
         summary(workspace / folder, "tires", {})
     first, other = (str(workspace / folder / "tires.json") for folder in "ab")
     assert run(monkeypatch, first, f"soft={other}") == 0
-    rows = "-->\n| soft tire at 1 bar | 1.0 | 2.0 |\n| hard tire at 9 bar | 3.0 | 6.0 |\n<!--"
+    rows = "-->\n| soft tire | 1.0 | 2.0 |\n| hard tire | 3.0 | 6.0 |\n<!--"
     assert rows in page.read_text()
     (workspace / "a/grip.csv").write_text("tire,mean [1]\nsoft tire,1.5\nhard tire,3\n")
     assert run(monkeypatch, "--check", first) == 1

@@ -5,7 +5,6 @@
 
 import dataclasses
 import sys
-import typing
 from collections.abc import Iterator
 from typing import Any
 
@@ -15,12 +14,13 @@ from omni_core.configuration import ParameterInfo
 _HEAD = """\
 # Parameters
 
-This page lists the parameters of experiments and nodes with default, unit, range and meaning.
+This page lists the parameters of nodes and experiments with default, range, unit and meaning.
 It is generated from the code by `python -m omni_bringup.reference.parameters`; do not edit it.
 The READMEs of the packages list the parameters for the communication of each node, such as its
 timeouts, and those of the nodes `recorder`, `player` and `driver`.
-`<name>` stands for the name of a wheel, sensor or patch.
+`<name>` stands for the name of a wheel, sensor or patch, and `*` for all parameters of a group.
 As ROS parameters the names themselves are listed in `wheels.names`, `sensors.names` and so on.
+A range `(0, 1]` includes 1 but not 0.
 Section, equation and table numbers refer to the dissertation.
 """
 
@@ -38,49 +38,68 @@ def reference() -> str:
     from omni_vehicle.flow_sensor_node import FlowNodeConfiguration
     from omni_vehicle.twist_adapter_node import TwistAdapterConfiguration
 
-    keys = "The keys of `config/experiments/*.yaml` and of `--set`.\n"
     sections: dict[str, type[configuration.Configuration]] = {
-        f"Experiment\n\n{keys}": ExperimentConfiguration,
-        "Node `simulator` (package `omni_sim`)\n\n": SimulatorConfiguration,
-        "Node `linescan_odometry`\n\n": OdometryConfiguration,
-        "Node `line_camera` (package `linescan_odometry`)\n\n": CameraConfiguration,
-        "Node `brake_assist` (package `omni_brake_assist`)\n\n": BrakeAssistConfiguration,
-        "Node `brake_adapter` (package `omni_vehicle`)\n\n": BrakeAdapterConfiguration,
-        "Topics of `brake_adapter`\n\n": TopicsConfiguration,
-        "Node `flow_sensor` (package `omni_vehicle`)\n\n": FlowChipConfiguration,
-        "Readings of `flow_sensor`\n\n": FlowNodeConfiguration,
-        "Node `twist_adapter` (package `omni_vehicle`)\n\n": TwistAdapterConfiguration,
+        "Node `simulator` (package `omni_sim`)\n": SimulatorConfiguration,
+        "Node `linescan_odometry`\n": OdometryConfiguration,
+        "Node `line_camera` (package `linescan_odometry`)\n": CameraConfiguration,
+        "Node `brake_assist` (package `omni_brake_assist`)\n": BrakeAssistConfiguration,
+        "Experiment\n\nThe keys of `config/experiments/*.yaml` and of `--set` are those of the "
+        "`simulator` and:\n": ExperimentConfiguration,
+        "Node `brake_adapter` (package `omni_vehicle`)\n": BrakeAdapterConfiguration,
+        "Topics of `brake_adapter`\n": TopicsConfiguration,
+        "Node `flow_sensor` (package `omni_vehicle`)\n": FlowChipConfiguration,
+        "Readings of `flow_sensor`\n": FlowNodeConfiguration,
+        "Node `twist_adapter` (package `omni_vehicle`)\n": TwistAdapterConfiguration,
     }
-    head = "| parameter | default | unit | range | meaning |\n|---|---|---|---|---|"
-    tables = (
-        f"## {title}\n{head}\n" + "".join(f"{_row(*leaf)}\n" for leaf in _leaves(cls))
-        for title, cls in sections.items()
-    )
+    head = "| parameter | default | range and unit | meaning |\n|---|---|---|---|"
+    listed: dict[Any, str] = {}
+    tables = []
+    for title, cls in sections.items():
+        rows = "".join(f"{row}\n" for row in _rows(cls, title.split("`")[1], listed))
+        tables.append(f"## {title}\n{head}\n{rows}")
+        listed[cls] = f"all parameters of `{title.split('`')[1]}`"
     return "\n".join((_HEAD, *tables))
 
 
-def _leaves(cls: Any, prefix: str = "") -> Iterator[tuple[str, Any, ParameterInfo, Any]]:
-    """Yield dotted key, type, description and default of each value of a configuration."""
+def _rows(cls: Any, node: str, listed: dict[Any, str], prefix: str = "") -> Iterator[str]:
+    """Yield the rows of a configuration.
+
+    Args:
+        cls: the configuration.
+        node: node of the section.
+        listed: where the parameters of a configuration are listed, keyed by its class; the nested
+            configurations of `cls` are added.
+        prefix: dotted path of the configuration.
+    """
     defaults = {field.name: field.default for field in dataclasses.fields(cls)}
+    bases = [base for base in cls.__mro__[1:] if base in listed and not prefix]
+    inherited = {name for base in bases for name, _, _ in configuration.declared_parameters(base)}
     for name, kind, info in configuration.declared_parameters(cls):
-        key = configuration.join_key(prefix, name)
         element = configuration.element_configuration(kind)
-        if configuration.is_configuration(kind):
-            yield from _leaves(kind, key)
-        elif element is not None:
-            yield from _leaves(element, configuration.join_key(key, "<name>"))
+        group = kind if configuration.is_configuration(kind) else element
+        key = configuration.join_key(prefix, f"{name}.<name>" if element else name)
+        if name in inherited:
+            continue
+        if group is None:
+            yield _row(key, info, defaults[name])
+        elif group in listed:
+            yield f"| `{key}.*` | | | {listed[group]} |"
         else:
-            yield key, kind, info, defaults[name]
+            listed[group] = f"as `{key}.*` of `{node}`"
+            yield from _rows(group, node, listed, key)
 
 
-def _row(key: str, kind: Any, info: ParameterInfo, default: Any) -> str:
+def _row(key: str, info: ParameterInfo, default: Any) -> str:
     shown = "required" if default is dataclasses.MISSING else f"`{_in_yaml(default)}`"
     if info.choices is not None:
         permitted = ", ".join(f"`{choice}`" for choice in info.choices)
+    elif info.minimum is None and info.above is None:
+        permitted = ""
     else:
-        permitted = info.bounds_in_words().removesuffix(f" {info.unit}")
-    unit = info.unit or {bool: "", str: "", int: "1", float: "1"}.get(typing.cast(type, kind), "")
-    return f"| `{key}` | {shown} | {unit} | {permitted} | {info.description} |"
+        low = f"[{info.minimum:g}" if info.above is None else f"({info.above:g}"
+        permitted = f"{low}, inf)" if info.maximum is None else f"{low}, {info.maximum:g}]"
+    values = f"{permitted} {info.unit}".strip()
+    return f"| `{key}` | {shown} | {values} | {info.description} |"
 
 
 def _in_yaml(value: Any) -> str:

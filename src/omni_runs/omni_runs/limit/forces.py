@@ -127,7 +127,7 @@ class LimitVehicle:
         return np.array([curve_at(constants, float(one), 1.0).peak_force for one in clamped])
 
     def _tangents(self) -> tuple[FloatArray, FloatArray]:
-        """Return slopes [1] and offsets [N] of T lines above the curve ``P``, shape (T,) each."""
+        """Return slopes [1] and offsets [N] of T tangents that bound ``P`` from above."""
         fine = np.linspace(0.0, self._tire.largest_load, 16 * (_TANGENTS - 1) + 1)
         peak = self.peak(fine)
         slope = np.maximum(np.gradient(peak, fine)[8::16], 0.0)

@@ -17,7 +17,7 @@ FULL_BRAKING = 1.0
 
 
 class ManualDriverConfiguration(Configuration):
-    """Limits of an external driver."""
+    """Limits on acceleration and command age for a vehicle that is driven over topics."""
 
     acceleration: float = parameter(2.5, unit="m/s^2", above=0.0, maximum=100.0)
     """Limit on the rate of change of the commanded velocity"""

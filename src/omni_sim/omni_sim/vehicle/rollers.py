@@ -164,8 +164,9 @@ def _wrong_angles(wheels: Mapping[str, WheelMount], step: float = 10.0) -> dict[
 
 
 def _mirrors_fit(wheels: Mapping[str, WheelMount]) -> bool:
-    """Return whether no roller fits the mirror image of another one better with a reversed angle.
+    """Return whether the roller angles are mirror-symmetric.
 
+    No wheel may match its mirror partner better with the sign of its roller angle reversed.
     The mirror image of a wheel is the wheel nearest to its position reflected about the x or y axis
     through the center of all wheels.
     """

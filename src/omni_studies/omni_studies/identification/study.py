@@ -81,7 +81,7 @@ def run(options: Options, study: StudyRun) -> StudyResult:
 
 
 def _change_assumptions(study: StudyRun, parameters: Mapping[str, float]) -> dict[str, Metric]:
-    """Compute the numbers of Table 2 under all assumptions, for a candidate and other vehicles.
+    """Compute the numbers of Table 2 with each assumption changed, for all vehicles that fit.
 
     The tables ``assumptions.csv`` and ``vehicles.csv`` are written.
 
