@@ -49,7 +49,7 @@ def replay(folder: Path) -> None:
         assert not any(__cpu_features__[name] for name in __cpu_dispatch__)
     nodes = ["--nodes", "linescan_odometry", "brake_assist"]
     try:
-        cli.main(["replay", SAMPLE, *nodes, "--offline", "--check", "--json", "--out", str(folder)])
+        cli.main(["replay", SAMPLE, *nodes, "--check", "--json", "--out", str(folder)])
     finally:
         cache, (signature,) = _estimate._cache, _estimate.overloads
         key = cache._index_key(signature, cpu_target.target_context.codegen())

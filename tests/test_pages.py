@@ -34,7 +34,7 @@ _NOT_HERE = {  # beginning of a command, and why it is not run here
     "drive": "waits for a person: test_drive_page.py has one",
     "new-vehicle": "test_tutorial.py",
     "ros-params": "test_real_vehicle.py",
-    "replay": "a graph: test_replay.py",
+    "replay": "the reader's recordings: test_replay.py",
     "lines": "the reader's files: test_lines_command.py makes some",
     "calibrate-sensors": "the reader's drives: test_lines_command.py makes some",
     "fit-tire": "the reader's measurements: test_fit_tire.py makes some",

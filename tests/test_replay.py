@@ -1,16 +1,14 @@
-"""Replays over the graph, and recovery of a killed recorder's recording."""
+"""Replays of recorded runs, and recovery of a killed recorder's recording."""
 
 from __future__ import annotations
 
 import json
 import os
 import signal
-import time
 from pathlib import Path
 
 from omni_process import (
     RUN_TIMEOUT,
-    WORKSPACE,
     node_processes,
     omni,
     omni_here,
@@ -19,48 +17,25 @@ from omni_process import (
     run_process,
     wait_until,
 )
-from rosbags.highlevel import AnyReader
 
-from omni_recording.actions.compare import compare_topics
 from omni_runs.recorded_run import read_run
 
-SAMPLE = WORKSPACE / "bags/small_stop/assisted"
 NODES = ["--nodes", "linescan_odometry", "brake_assist"]
 RESULTS = ("/odometry/twist", "/brake/enable", "/brake_assist/error")
 
 
-def test_the_real_nodes_give_what_was_recorded(tmp_path: Path) -> None:
-    for attempt in range(5):
-        folder = tmp_path / f"graph{attempt}"
-        finished = omni(["replay", str(SAMPLE), *NODES, "--check", "--json", "--out", str(folder)])
-        document = json.loads(finished.stdout)
-        if document["timeouts"] == 0:
-            break  # otherwise, a busy machine stalled the nodes, and the player did not wait
+def test_a_replay_gives_what_the_nodes_gave(tmp_path: Path) -> None:
+    folder = tmp_path / "run"
+    words = ["run", "small_stop", "--variant", "assisted", "--out", str(folder)]
+    finished = omni_here(words)
     assert finished.returncode == 0, finished.stderr
-    metrics = document["metrics"]
-    steps = len(read_run(SAMPLE).stamp_ns)
-    assert {metrics[f"replayed.{topic}"]["value"] for topic in RESULTS} == {steps}
-    with AnyReader([folder]) as reader:
-        assert reader.topics["/clock"].msgcount >= steps
-        last = max(stamp for _, stamp, _ in reader.messages())
-    assert last == read_run(SAMPLE).stamp_ns[-1]
-    # On one machine one process gives the same bits.
-    offline = tmp_path / "offline"
-    words = ["replay", str(SAMPLE), *NODES, "--offline", "--out", str(offline)]
-    assert omni_here(words).returncode == 0
-    for one in compare_topics(folder, offline, RESULTS).values():
-        assert one.identical == one.first == one.second == steps
-
-
-def test_the_rate_is_that_of_the_recording_on_request(tmp_path: Path) -> None:
-    changed = ["--set", "odometry.sensors.front.x=0.61"]
-    arguments = ["replay", str(SAMPLE), "--rate", "2", "--check", *changed]
-    start = time.monotonic()
-    finished = omni_here([*arguments, "--out", str(tmp_path / "out")])
-    # Only a lower bound of the duration is tested: the recorded time divided by the rate.
-    assert time.monotonic() - start > 2.33 / 2.0
-    assert finished.returncode == 1
-    assert "not within the tolerance" in finished.stdout
+    bag = folder / "assisted"
+    finished = omni(["replay", str(bag), *NODES, "--json", "--out", str(tmp_path / "replayed")])
+    metrics = json.loads(finished.stdout)["metrics"]
+    steps = len(read_run(bag).stamp_ns)
+    for topic in RESULTS:
+        for name in ("recorded", "replayed", "identical"):
+            assert metrics[f"{name}.{topic}"]["value"] == steps
 
 
 def test_a_killed_recording_is_recovered_replayed_and_reported(tmp_path: Path) -> None:

@@ -6,7 +6,6 @@ sys.path.insert(0, "../omni_core")
 from ament_package import install
 
 install(
-    nodes={"player": "omni_runs.replay.player_node"},
     commands={
         "replay": "omni_runs.replay.command",
         "run": "omni_runs.graph.command",

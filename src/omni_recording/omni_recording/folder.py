@@ -324,18 +324,3 @@ def in_time_order(messages: Iterable[mcap.RecordedMessage]) -> Iterator[mcap.Rec
                 break
     while waiting:
         yield heapq.heappop(waiting)[2]
-
-
-def in_rounds(messages: Iterable[mcap.RecordedMessage]) -> Iterator[list[mcap.RecordedMessage]]:
-    """Yield rounds: lists of consecutive messages in which each topic occurs at most once.
-
-    If all topics are sampled at the same times, a round contains one sample of each topic.
-    """
-    group: dict[str, mcap.RecordedMessage] = {}
-    for message in messages:
-        if message.channel.topic in group:
-            yield list(group.values())
-            group = {}
-        group[message.channel.topic] = message
-    if group:
-        yield list(group.values())

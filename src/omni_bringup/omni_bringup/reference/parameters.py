@@ -17,7 +17,7 @@ _HEAD = """\
 This page lists the parameters of nodes and experiments with default, range, unit and meaning.
 It is generated from the code by `python -m omni_bringup.reference.parameters`; do not edit it.
 The READMEs of the packages list the parameters for the communication of each node, such as its
-timeouts, and those of the nodes `recorder`, `player` and `driver`.
+timeouts, and those of the nodes `recorder` and `driver`.
 `<name>` stands for the name of a wheel, sensor or patch, and `*` for all parameters of a group.
 As ROS parameters the names themselves are listed in `wheels.names`, `sensors.names` and so on.
 A range `(0, 1]` includes 1 but not 0.

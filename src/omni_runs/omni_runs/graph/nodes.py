@@ -162,27 +162,6 @@ class Nodes:
         }
         return self._node("driver", "omni_tools", parameters)
 
-    def player(
-        self, bag: Path, inputs: Mapping[str, str], outputs: Mapping[str, str], rate: float
-    ) -> process_group.NodeProcess:
-        """Return the process of the player node, which publishes a recording to replayed nodes.
-
-        Args:
-            bag: the recording.
-            inputs: message type of each topic that the player publishes, keyed by topic.
-            outputs: message type of each topic on which replayed nodes publish, keyed by topic.
-            rate: speed as a multiple of the recorded one; 0 for as fast as the nodes can follow.
-        """
-        parameters = {
-            "bag": str(bag),
-            "inputs": list(inputs),
-            "input_types": list(inputs.values()),
-            "outputs": list(outputs),
-            "output_types": list(outputs.values()),
-            "rate": rate,
-        }
-        return self._node("player", "omni_runs", parameters)
-
     def of_run(
         self, folder: Path, recording: Mapping[str, Any] = PLAIN
     ) -> list[process_group.NodeProcess]:

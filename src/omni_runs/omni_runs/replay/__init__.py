@@ -1,1 +1,1 @@
-"""Replay of recorded inputs through the nodes, or through the cores of the nodes."""
+"""Replay of recorded inputs through the cores of the nodes."""

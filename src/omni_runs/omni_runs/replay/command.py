@@ -1,7 +1,7 @@
 """``./omni replay``: run nodes on recorded inputs.
 
-Publish the recorded inputs and /clock to the real nodes, record the outputs of the nodes, and
-compare them with the recorded outputs.
+Run the code of the nodes on the recorded inputs in one process without topics, record the outputs,
+and compare them with the recorded outputs.
 """
 
 from __future__ import annotations
@@ -12,16 +12,16 @@ from typing import TYPE_CHECKING, Any
 
 from omni_core.commands.command_options import CommandOptions, option, overrides_option
 from omni_core.commands.command_report import Report, entries, make_folder
-from omni_core.configuration import WorkError
+from omni_core.configuration import ConfigurationError, WorkError
 from omni_runs.workspace import ExperimentWorkspace
 
 if TYPE_CHECKING:
     from omni_recording.actions.compare import TopicComparison
 
 WORK = "replaying the recorded inputs"
-_TIMEOUTS = (
-    "{} times no result arrived within 0.5 s, and the player sent further inputs: results may "
-    "depend on the speed of the machine"
+_NO_RATE = (
+    "a replay runs without topics, as fast as possible; "
+    "`ros2 bag play --rate {:g} BAG` publishes the recording to running nodes"
 )
 _OTHER_VERSION = "the recording was made by another version or processor: {}"
 
@@ -37,15 +37,24 @@ class Options(CommandOptions):
     experiment: str | None = option(None)
     """use the configuration of this experiment's last variant instead of the recorded one"""
     rate: float | None = option(None, metavar="R", above=0.0, maximum=1000.0)
-    """speed as a multiple of the recorded one (default: as fast as the nodes can follow)"""
+    """is refused; `ros2 bag play --rate R BAG` publishes a recording at this speed"""
     offline: bool = option(False)
-    """replay in one process without topics; --rate has no effect"""
+    """has no effect: every replay runs in one process without topics"""
     check: bool = option(False)
     """exit code 1 if the results differ from the recorded outputs by more than their tolerance"""
     tolerance: float | None = option(None, minimum=0.0, maximum=1000.0)
     """limit on the difference of every value, in its SI unit (default: tolerances of the topics)"""
     out: Path | None = option(None, metavar="DIR")
     """new folder for the results (default: next to the recording, BAG_replayed_TIME)"""
+
+    def check_consistency(self) -> None:
+        """Refuse the speed of a replay over topics.
+
+        Raises:
+            ConfigurationError: a speed is given.
+        """
+        if self.rate is not None:
+            raise ConfigurationError("--rate", _NO_RATE.format(self.rate))
 
 
 def run(options: Options, workspace: ExperimentWorkspace) -> Report:
@@ -56,7 +65,6 @@ def run(options: Options, workspace: ExperimentWorkspace) -> Report:
     from omni_recording.folder import open_vehicle
     from omni_runs.graph import run_folder
     from omni_runs.replay import plan as plans
-    from omni_runs.replay.graph import replay_over_graph
     from omni_runs.replay.offline import replay_offline
 
     bag = open_vehicle(options.bag)
@@ -75,22 +83,18 @@ def run(options: Options, workspace: ExperimentWorkspace) -> Report:
         raise BagError(bag.path, f"contains no recorded results on {lacking} to compare with")
     default = beside(options.bag, f"replayed_{run_folder.time_in_name()}")
     folder = make_folder(run_folder.unused(options.out or default))
-    timeouts = 0
     try:
-        if options.offline:
-            replay_offline(bag, plan, folder)
-        else:
-            timeouts = replay_over_graph(bag.path, plan, folder, options.rate or 0.0)
+        replay_offline(bag, plan, folder)
         run_folder.write_configuration(configuration, folder)
         comparisons = compare_topics(bag.path, folder, known, options.tolerance).values()
     except BagError as error:  # damage to the recording that is found only during the replay
         raise WorkError(str(error)) from None
-    hints = [_TIMEOUTS.format(timeouts)] if timeouts else []
+    hints = []
     if others and not all(one.identical == one.first == one.second for one in comparisons):
         hints.append(_OTHER_VERSION.format(", ".join(others)))
     return Report(
         metrics={key: entry for one in comparisons for key, entry in _entries(one).items()},
-        details={"folder": str(folder), "timeouts": timeouts},
+        details={"folder": str(folder)},
         text=(
             *(f"{one.topic}: {_in_words(one)}" for one in comparisons),
             f"recorded in {folder}",

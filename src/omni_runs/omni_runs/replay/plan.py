@@ -115,11 +115,3 @@ def recorded_configuration(
         words = f"there is no {CONFIGURATION} next to the recording; {remedy}"
         raise ConfigurationError(option, words)
     return recorded_experiment(path, overrides)
-
-
-def node_listeners(plan: ReplayPlan, node: str) -> int:
-    """Return the number of subscribers (recorder, player, other nodes) to a node's outputs."""
-    subscribes_odometry = BRAKE_ASSIST in plan.nodes and (
-        feedback_topic(plan.configuration) == topics.TWIST
-    )
-    return 2 + (node == ODOMETRY and subscribes_odometry)

@@ -55,7 +55,7 @@ def test_an_import_is_replayed_and_shown(
     assert omni("lines", "import", *sources, "--out", bag, "--json") == 0
     metrics = json.loads(capsys.readouterr().out)["metrics"]
     assert metrics["lines.left"]["value"] == LINES
-    assert omni("replay", bag, "--offline", "--out", tmp_path / "replayed") == 0
+    assert omni("replay", bag, "--out", tmp_path / "replayed") == 0
     decoder = MessageDecoder()
     twists: list[Any] = [
         decoder.decode(message).twist.twist
@@ -122,12 +122,12 @@ def test_references_and_a_drive_become_tables_that_the_odometry_takes(
     assert metrics["gain_spread.right"]["value"] == 0.0
     assert all(metrics[f"pattern_spread.{name}"]["value"] > 0.0 for name in files)
     taken = f"odometry.flat_field_tables={tables}"
-    assert omni("replay", bag, "--offline", "--set", taken, "--out", tmp_path / "replayed") == 0
+    assert omni("replay", bag, "--set", taken, "--out", tmp_path / "replayed") == 0
     # Without a folder, and of another camera, they are refused.
-    assert omni("replay", bag, "--offline", "--set", f"{taken}_none", "--out", tmp_path / "b") == 2
+    assert omni("replay", bag, "--set", f"{taken}_none", "--out", tmp_path / "b") == 2
     assert "omni lines reference writes it" in capsys.readouterr().err
     np.savez(tables / "right.npz", mean=np.ones(3))
-    assert omni("replay", bag, "--offline", "--set", taken, "--out", tmp_path / "c") == 2
+    assert omni("replay", bag, "--set", taken, "--out", tmp_path / "c") == 2
     assert "right.npz contains no tables of a camera" in capsys.readouterr().err
 
 

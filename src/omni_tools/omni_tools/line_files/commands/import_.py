@@ -1,7 +1,7 @@
 """``./omni lines import``: import files of real cameras into a recording.
 
 Create a recording from the lines in files: a folder of pictures (PNG, TIFF), one picture with many
-rows or pages, NPY, CSV, raw bytes or a video. `omni replay --offline` and `omni lines show` can
+rows or pages, NPY, CSV, raw bytes or a video. `omni replay` and `omni lines show` can
 read this recording.
 """
 
