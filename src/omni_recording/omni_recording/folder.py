@@ -285,17 +285,30 @@ def read_plain_yaml(text: str) -> Any:
         raise ValueError(f"is not valid YAML: {problem}") from None
 
 
-def _read_information(folder: Path) -> Mapping[str, Any]:
-    path = folder / METADATA
-    _require_regular(folder, path)
-    if path.stat().st_size > LIMITS.metadata:
-        raise BagError(folder, f"metadata.yaml is larger than {LIMITS.metadata} bytes")
+def read_plain_file(path: Path) -> Any:
+    """Return the content of a YAML file that consists of plain values.
+
+    Raises:
+        OSError: the file cannot be read.
+        ValueError: the file is not a regular file, exceeds the limit on its size, or contains
+            anything else; the message states the reason in one line.
+    """
+    status = path.stat()
+    if not stat.S_ISREG(status.st_mode):
+        raise ValueError("is not a regular file")
+    if status.st_size > LIMITS.text:
+        raise ValueError(f"is larger than {LIMITS.text} bytes")
     try:
-        document = read_plain_yaml(path.read_text(encoding="utf-8"))
+        return read_plain_yaml(path.read_text(encoding="utf-8"))
+    except UnicodeDecodeError:
+        raise ValueError("is not text") from None
+
+
+def _read_information(folder: Path) -> Mapping[str, Any]:
+    try:
+        document = read_plain_file(folder / METADATA)
     except OSError as error:
         raise BagError(folder, f"metadata.yaml cannot be read: {error.strerror}") from None
-    except UnicodeDecodeError:
-        raise BagError(folder, "metadata.yaml is not text") from None
     except ValueError as error:
         raise BagError(folder, f"metadata.yaml {error}") from None
     information = document.get(_INFORMATION) if isinstance(document, dict) else None

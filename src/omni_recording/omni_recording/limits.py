@@ -11,9 +11,7 @@ class Limits:
         record: size of a record, and of an unpacked chunk [B].
         description: total size of all schemas and channels of a file [B].
         definition: length of the definition of a type; the longest definition in ROS 2 has 20 KiB.
-        chunks: number of chunks in an index.
-        metadata: size of ``metadata.yaml`` [B].
-        note: size of another file stored with the recording [B].
+        text: size of a YAML or JSON file of a recording, such as ``metadata.yaml`` [B].
         qos: length of the text that gives the quality of service of a channel.
         waiting: total size of the messages that are buffered to sort them by time [B].
         columns: number of columns of a table.
@@ -26,9 +24,7 @@ class Limits:
     record: int = 1 << 28
     description: int = 1 << 26
     definition: int = 1 << 17
-    chunks: int = 1 << 20
-    metadata: int = 1 << 22
-    note: int = 1 << 24
+    text: int = 1 << 24
     qos: int = 1 << 16
     waiting: int = 1 << 27
     columns: int = 256

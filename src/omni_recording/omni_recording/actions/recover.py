@@ -187,7 +187,7 @@ def _copy_notes(path: Path, folder: Path) -> None:
     """
     for file in sorted(path.iterdir()):
         try:
-            regular = file.is_file() and file.stat().st_size <= LIMITS.note
+            regular = file.is_file() and file.stat().st_size <= LIMITS.text
         except OSError:  # a circular link
             continue
         if regular and file.suffix in (".yaml", ".json") and file.name != METADATA:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import stat
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import compress, islice
 from pathlib import Path
@@ -17,7 +16,6 @@ from omni_core.quantities import FloatArray, IntArray
 from omni_core.topics import MARKERS, TEST_RATIOS, WHEEL_FORCES
 from omni_recording import decode, folder
 from omni_recording.error import BagError
-from omni_recording.folder import read_plain_yaml
 from omni_runs import drift, experiment, recorded_run
 from omni_runs.history import RunHistory
 from omni_runs.limit.bounds import limit_share
@@ -120,10 +118,8 @@ _ASSISTING = (
     AssistState.DEAD_RECKONING.value,
     AssistState.NO_RELEASE.value,
 )
-_LARGEST_CONFIGURATION = 1 << 20  # [B]
 _MOST_VALUES = 4000
 _LONGEST_TEXT = 200  # characters of a key or value
-_DEEPEST = 16
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -308,14 +304,9 @@ def read_configuration(
 
 def _read_tree(path: Path) -> dict[str, Any]:
     try:
-        status = path.stat()
-        if not stat.S_ISREG(status.st_mode) or status.st_size > _LARGEST_CONFIGURATION:
-            raise ValueError(f"{CONFIGURATION} is not a file of a sensible size")
-        tree = read_plain_yaml(path.read_text(encoding="utf-8"))
+        tree = folder.read_plain_file(path)
     except OSError:
         raise ValueError(f"there is no {CONFIGURATION} next to the recording") from None
-    except UnicodeDecodeError:
-        raise ValueError(f"{CONFIGURATION} is not text") from None
     except ValueError as error:
         raise ValueError(f"{CONFIGURATION} {error}") from None
     if not isinstance(tree, dict):
@@ -323,17 +314,15 @@ def _read_tree(path: Path) -> dict[str, Any]:
     return tree
 
 
-def _flattened(
-    tree: Mapping[Any, Any], above: str = "", depth: int = 1
-) -> Iterator[tuple[str, str]]:
+def _flattened(tree: Mapping[Any, Any], above: str = "") -> Iterator[tuple[str, str]]:
     """Yield the dotted key and the text of each value in a tree.
 
     The pairs are yielded one by one, because YAML aliases can make the tree of a small file huge.
     """
     for name, value in tree.items():
         key = f"{above}.{name}" if above else str(name)
-        if isinstance(value, dict) and value and depth < _DEEPEST:
-            yield from _flattened(value, key, depth + 1)
+        if isinstance(value, dict) and value:
+            yield from _flattened(value, key)
         else:
             yield key[:_LONGEST_TEXT], _text(value)[:_LONGEST_TEXT]
 
