@@ -17,6 +17,9 @@ Triple = tuple[float, float, float]
 SECOND_NS = 1_000_000_000
 """One second [ns]."""
 
+GRAVITY = 9.81
+"""Acceleration of gravity [m/s^2]."""
+
 LARGEST_OFFSET = 100.0
 """Limit on the coordinates x and y of any part relative to the platform's center [m]; a larger
 value is assumed to be a typing error."""

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from omni_core.quantities import FloatArray
+from omni_core.quantities import GRAVITY, FloatArray
 
 VALID, MISSING, INVALID = range(3)
 """Validity of a sample: MISSING if none has been received, INVALID if its content is malformed."""
@@ -20,7 +20,6 @@ VALID, MISSING, INVALID = range(3)
 UNMEASURED_VARIANCE = 1e6
 """A component with at least this variance counts as not measured [square of its unit]."""
 
-_GRAVITY = 9.81  # specific force of an IMU at rest [m/s^2]
 _UPWARDS_TOLERANCE = 2.0  # allows for slopes and a scale error, but not for another unit [m/s^2]
 
 
@@ -140,7 +139,7 @@ class LineBatch:
 
 def upwards_problem(upwards: float) -> tuple[str, str] | None:
     """Return problem and remedy if a specific force upwards [m/s^2] is not near 1 g, else None."""
-    if abs(upwards - _GRAVITY) <= _UPWARDS_TOLERANCE:
+    if abs(upwards - GRAVITY) <= _UPWARDS_TOLERANCE:
         return None
-    problem = f"imu: specific force upwards {upwards:.2f}, must be {_GRAVITY:g} m/s^2 (REP 145)"
+    problem = f"imu: specific force upwards {upwards:.2f}, must be {GRAVITY:g} m/s^2 (REP 145)"
     return problem, "check unit and axes"

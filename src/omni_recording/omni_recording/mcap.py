@@ -21,13 +21,14 @@ from mcap import records
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import EndOfFile
 from mcap.opcode import Opcode
+from mcap.writer import MCAP0_MAGIC
 
 from omni_core.quantities import SECOND_NS
 from omni_recording.chunks import unpacked
 from omni_recording.error import McapError
 from omni_recording.limits import LIMITS
 
-MAGIC = b"\x89MCAP0\r\n"
+MAGIC = MCAP0_MAGIC
 
 _HEAD = struct.Struct("<BQ")
 _FOOTER_SIZE = _HEAD.size + 20 + len(MAGIC)

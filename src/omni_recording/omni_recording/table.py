@@ -10,13 +10,13 @@ from collections.abc import Iterator, Sequence
 from typing import Any
 
 from omni_core.quantities import SECOND_NS
+from omni_core.topics import JOINT_STATE
 from omni_recording.decode import MessageDecoder
 from omni_recording.limits import LIMITS
 
 # Kinds of a rosbags field, which is a pair (kind, parts).
 _BASE, _NAME = range(1, 3)
 _TIMES = ("builtin_interfaces/msg/Time", "builtin_interfaces/msg/Duration")
-_JOINT_STATE = "sensor_msgs/msg/JointState"
 _JOINT_VALUES = ("position", "velocity", "effort")
 
 Value = bool | int | float | str
@@ -93,7 +93,7 @@ def _elements(
 
 def _joint_labels(type_name: str, message: Any) -> Sequence[str] | None:
     """Return the names of the joints if they can be used as column names; otherwise None."""
-    if type_name != _JOINT_STATE:
+    if type_name != JOINT_STATE:
         return None
     names: Sequence[str] = message.name
     fit = all(name.isprintable() and 0 < len(name) <= LIMITS.label for name in names)

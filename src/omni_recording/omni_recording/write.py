@@ -17,7 +17,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-from mcap.writer import CompressionType, IndexType, Writer
+from mcap.writer import MCAP0_MAGIC, CompressionType, IndexType, Writer
 
 from omni_core.configuration import WorkError
 from omni_recording import metadata
@@ -32,7 +32,7 @@ COMPRESSIONS = {
 
 # Data end without a checksum, footer without a summary, and the closing magic bytes.
 _END_WITHOUT_SUMMARY = (
-    struct.pack("<BQI", 0x0F, 4, 0) + struct.pack("<BQQQI", 0x02, 20, 0, 0, 0) + b"\x89MCAP0\r\n"
+    struct.pack("<BQI", 0x0F, 4, 0) + struct.pack("<BQQQI", 0x02, 20, 0, 0, 0) + MCAP0_MAGIC
 )
 
 

@@ -14,12 +14,11 @@ from linescan_odometry.twist.pose import PoseIntegrator
 from omni_core.geometry import turned
 from omni_core.quantities import FloatArray
 from omni_runs.history import RunHistory
-from omni_runs.metrics import Metric
+from omni_runs.metrics import NO_ODOMETRY, Metric
 
 DELTA = 1.0
 """Length of a path segment for the relative error [m]."""
 
-_NO_ODOMETRY = "the odometry measured nothing"
 _SHORT = f"the path is shorter than {DELTA:g} m"
 
 
@@ -73,7 +72,7 @@ def relative_error(truth: FloatArray, path: FloatArray, delta: float = DELTA) ->
 
 def drift_metrics(history: RunHistory) -> dict[str, Metric]:
     """Return the metrics ``odometry_ate`` and ``odometry_rpe``: absolute and relative error [m]."""
-    absolute, relative, notes = math.nan, math.nan, (_NO_ODOMETRY, _NO_ODOMETRY)
+    absolute, relative, notes = math.nan, math.nan, (NO_ODOMETRY, NO_ODOMETRY)
     if np.any(history.measured):
         path = odometry_path(history)
         absolute = absolute_error(history.pose, path)

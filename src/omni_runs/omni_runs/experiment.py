@@ -25,6 +25,7 @@ from omni_sim.tire.tire import TireConfiguration
 from omni_sim.vehicle.configuration import VehicleConfiguration
 
 __all__ = [
+    "CONFIGURATION",
     "WITHOUT_CAMERAS",
     "ExperimentConfiguration",
     "ExperimentLibrary",
@@ -46,6 +47,9 @@ _REQUIRED = (
     *("tire", "brake", "brake.max_torque", "drive", "drive.max_torque", "drive.stiffness"),
     "wheel_inertia",
 )
+
+CONFIGURATION = "configuration.yaml"
+"""Name of the file next to a recording that contains the configuration of its run."""
 
 WITHOUT_CAMERAS = ("feedback=velocity_sensor", "simulation.render_lines=false")
 """Overrides for runs without line cameras."""

@@ -46,7 +46,8 @@ _ROCKING_SPEED, _ROCKING_YAW_RATE = 0.4, 0.4  # m/s, rad/s; limits for a rocking
 _NEVER_PRESSED = "the brake pedal is never pressed"
 _NO_REST = "the vehicle does not come to rest in this history"
 _NO_DIRECTION = "braking starts at standstill, so there is no direction of motion"
-_NO_ODOMETRY = "the odometry measured nothing"
+NO_ODOMETRY = "the odometry measured nothing"
+"""Note of a metric that needs the twist of the odometry."""
 _NO_ENABLES = "there are no brake enables"
 _FAULTS = frozenset(state.value for state in AssistState if state.is_fault)
 _NO_STATES = "there are no states of the brake assistant"
@@ -250,7 +251,7 @@ def _switchings(enable: FloatArray) -> FloatArray:
 
 
 def _odometry_metrics(history: RunHistory) -> dict[str, Metric]:
-    measured, square, note = history.measured, np.full(3, math.nan), _NO_ODOMETRY
+    measured, square, note = history.measured, np.full(3, math.nan), NO_ODOMETRY
     if np.any(measured):
         error = history.estimate[measured] - history.twist[measured]
         square, note = np.mean(error**2, axis=0), ""

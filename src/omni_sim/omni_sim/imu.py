@@ -20,8 +20,7 @@ import numpy as np
 
 from omni_core.configuration import Configuration, parameter
 from omni_core.kernels import kernel, lean
-from omni_core.quantities import SECOND_NS, FloatArray, IntArray
-from omni_sim.vehicle.loads import GRAVITY
+from omni_core.quantities import GRAVITY, SECOND_NS, FloatArray, IntArray
 
 IMU_DRAWS = 3
 """Number of standard normal values that a reading needs."""

@@ -12,12 +12,11 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from omni_core import signals
 from omni_core.description import IMU_FRAME
-from omni_core.quantities import FloatArray
+from omni_core.quantities import GRAVITY, FloatArray
 from omni_ros.messages import BASE_FRAME, WORLD_FRAME, stamped
 from omni_sim.configuration import SimulatorConfiguration
 from omni_sim.imu import ImuConfiguration
 from omni_sim.simulator import Observation
-from omni_sim.vehicle.loads import GRAVITY
 
 # Colors that color-blind people can distinguish (Okabe and Ito).
 _BLUE = (0.0, 0.447, 0.698)

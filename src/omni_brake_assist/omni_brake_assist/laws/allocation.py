@@ -19,7 +19,7 @@ import math
 import numpy as np
 
 from omni_brake_assist.configuration import BrakeAssistConfiguration
-from omni_brake_assist.laws.allocation_state import BODY, GRAVITY, WHEEL, Constants, Memory
+from omni_brake_assist.laws.allocation_state import BODY, WHEEL, Constants, Memory
 from omni_brake_assist.laws.braking_qp import allocate, new_qp
 from omni_brake_assist.laws.law import ASSIST, NO_HELP, Motion
 from omni_brake_assist.laws.observers import LONGEST_DEAD_TIME, observe
@@ -27,7 +27,7 @@ from omni_brake_assist.laws.slip_control import control_slip
 from omni_brake_assist.laws.wheel_model import NominalBrake
 from omni_core.geometry import PlatformGeometry
 from omni_core.kernels import lean
-from omni_core.quantities import FloatArray
+from omni_core.quantities import GRAVITY, FloatArray
 
 
 def make_constants(

@@ -17,9 +17,6 @@ from omni_core.quantities import FloatArray
 CASCADE = 2.0
 """Ratio of the time constant of a loop to that of the next inner loop [1]."""
 
-GRAVITY = 9.81
-"""Gravitational acceleration [m/s^2]."""
-
 WHEEL = np.dtype(
     [
         # Sign of the hub's velocity along the active direction [1]; if the locked wheel holds its

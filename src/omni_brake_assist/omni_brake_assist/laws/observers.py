@@ -14,11 +14,11 @@ the next inner loop.
 
 import math
 
-from omni_brake_assist.laws.allocation_state import CASCADE, GRAVITY, Constants, Memory
+from omni_brake_assist.laws.allocation_state import CASCADE, Constants, Memory
 from omni_brake_assist.laws.law import Motion
 from omni_brake_assist.laws.wheel_model import BrakedWheel, advance_rim, command_at, lagged
 from omni_core.kernels import lean
-from omni_core.quantities import FloatArray
+from omni_core.quantities import GRAVITY, FloatArray
 
 _RESPONSE = 0.3  # share of the expected loss of wheel speed that counts as a response [1]
 LONGEST_DEAD_TIME = 0.15  # a dead time above this limit is not increased [s]

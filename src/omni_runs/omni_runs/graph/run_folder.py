@@ -16,10 +16,9 @@ from mcap.writer import MCAP0_MAGIC
 from omni_core.commands.command_report import printable, write_text
 from omni_core.configuration import ConfigurationError, to_mapping
 from omni_recording.safe_yaml import in_yaml
-from omni_runs.experiment import ExperimentConfiguration
+from omni_runs.experiment import CONFIGURATION, ExperimentConfiguration
 from omni_runs.yaml_files import read_mapping
 
-CONFIGURATION = "configuration.yaml"
 VERSIONS = "versions.yaml"
 SUMMARY = "summary.json"
 

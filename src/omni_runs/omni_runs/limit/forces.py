@@ -24,7 +24,7 @@ import numpy as np
 
 from omni_core.geometry import cross
 from omni_core.kinematics import PlatformKinematics
-from omni_core.quantities import BoolArray, FloatArray
+from omni_core.quantities import GRAVITY, BoolArray, FloatArray
 from omni_sim.tire.interface.model import curve_at
 from omni_sim.vehicle import configuration, loads
 
@@ -112,7 +112,7 @@ class LimitVehicle:
         # Rolling resistance grows with the load. Its share at the largest load keeps the set of
         # forces convex.
         self._loss = losses.constant_share + losses.growing_share * tire.largest_load
-        self._weight = self.masses.mass * loads.GRAVITY
+        self._weight = self.masses.mass * GRAVITY
         self._tire = tire
         self._plane = loads.load_plane(self._arm)
         self._hull = self._arm[loads.support_polygon(self._arm)]
@@ -185,7 +185,7 @@ class LimitVehicle:
             found = self._solve(direction, case, model)
             if found is None:
                 return None
-            z = self.masses.height / loads.GRAVITY * found.bound * direction
+            z = self.masses.height / GRAVITY * found.bound * direction
             hull_sides, wheel_loads = cross(self._edge, z - self._hull), self._plane @ [1.0, *z]
             if np.min(hull_sides if model == SUM else wheel_loads) <= 0.0:
                 return found
@@ -229,7 +229,7 @@ class LimitVehicle:
 
         Each model is paired with the index of a wheel that lifts off; None if no wheel lifts off.
         """
-        reach = self.masses.height / loads.GRAVITY * self.any_load_bound(friction)
+        reach = self.masses.height / GRAVITY * self.any_load_bound(friction)
         sides = cross(self._edge, -self._hull) / np.linalg.norm(self._edge, axis=1)
         if reach >= np.min(sides):
             return [(SUM, None)]
@@ -250,7 +250,7 @@ class LimitVehicle:
     def any_load_bound(self, friction: FloatArray) -> float:
         """Return an upper bound of the deceleration for all possible load distributions [m/s^2]."""
         mean = float(np.max(friction)) * self.peak(np.array([self._weight / len(self.active)]))
-        return float(len(self.active) * mean[0] / self.masses.mass) + loads.GRAVITY * self._loss
+        return float(len(self.active) * mean[0] / self.masses.mass) + GRAVITY * self._loss
 
     def _solve(
         self, direction: FloatArray, case: Case, model: int, lifted: int | None = None

@@ -8,8 +8,7 @@ from omni_core.configuration import ConfigurationError, check_choice
 from omni_core.topics import Topic
 from omni_recording.error import BagError
 from omni_recording.folder import Bag, bag_summary
-from omni_runs.experiment import ExperimentConfiguration, recorded_experiment
-from omni_runs.graph.run_folder import CONFIGURATION
+from omni_runs.experiment import CONFIGURATION, ExperimentConfiguration, recorded_experiment
 
 ODOMETRY, BRAKE_ASSIST = "linescan_odometry", "brake_assist"
 NODES = (ODOMETRY, BRAKE_ASSIST)

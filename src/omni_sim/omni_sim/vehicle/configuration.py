@@ -14,6 +14,7 @@ from omni_core.configuration import (
     section,
 )
 from omni_core.kinematics import PlatformKinematics
+from omni_core.quantities import GRAVITY
 from omni_sim.tire.tire import TireConfiguration
 from omni_sim.vehicle import loads
 from omni_sim.vehicle.suspension import SuspensionConfiguration
@@ -175,7 +176,7 @@ class VehicleConfiguration(Configuration):
                 f"the center of gravity at ({x:.3g}, {y:.3g}) m is not between the wheels, "
                 "so the vehicle tips over; move body, load or wheels",
             )
-        weight = masses.mass * loads.GRAVITY
+        weight = masses.mass * GRAVITY
         for name, mount in self.wheels.items():
             if weight >= 0.5 * mount.radius * self.tire.vertical_stiffness:
                 raise ConfigurationError(

@@ -24,11 +24,11 @@ time.
 import math
 
 from omni_core.kernels import lean, lean_inline, linked
-from omni_core.quantities import FloatArray, Pair, Triple
+from omni_core.quantities import GRAVITY, FloatArray, Pair, Triple
 from omni_sim.ground.friction import friction_at
 from omni_sim.tire.interface.model import curve_at
 from omni_sim.vehicle import state as layout
-from omni_sim.vehicle.loads import GRAVITY, wheel_loads
+from omni_sim.vehicle.loads import wheel_loads
 from omni_sim.vehicle.roller_dynamics import displace_contacts, roller_energies, step_roller_wheel
 from omni_sim.vehicle.state import Energies, Step
 from omni_sim.vehicle.suspension import sprung_loads

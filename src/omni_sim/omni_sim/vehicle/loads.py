@@ -28,9 +28,6 @@ from omni_core.kernels import lean
 from omni_core.quantities import LARGEST_OFFSET, FloatArray, IntArray
 from omni_sim.vehicle.lifted_wheels import stand_on_edge, stand_on_some, stand_on_triangle
 
-GRAVITY = 9.81
-"""Acceleration of gravity [m/s^2]."""
-
 MAXIMUM_WHEELS = 32
 """Limit on the number of wheels of a vehicle; `lifted_wheels` stores sets of wheels as bits."""
 

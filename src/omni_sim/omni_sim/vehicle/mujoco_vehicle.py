@@ -26,14 +26,13 @@ from numpy.typing import ArrayLike
 
 from omni_core.configuration import ConfigurationError
 from omni_core.kinematics import PlatformKinematics
-from omni_core.quantities import FloatArray
+from omni_core.quantities import GRAVITY, FloatArray
 from omni_sim.ground.elevation import ElevationConfiguration
 from omni_sim.ground.friction import FrictionMap, friction_at
 from omni_sim.tire.interface.model import curve_at
 from omni_sim.vehicle import state as layout
 from omni_sim.vehicle.configuration import VehicleConfiguration
 from omni_sim.vehicle.dynamics import in_turned_frame
-from omni_sim.vehicle.loads import GRAVITY
 from omni_sim.vehicle.plant import static_loads
 from omni_sim.vehicle.vehicle import Vehicle, VehicleInputError
 from omni_sim.wheel.brake_pressure import press, set_demand

@@ -7,12 +7,12 @@ import numpy as np
 from omni_core.brakes import VELOCITY
 from omni_core.geometry import cross
 from omni_core.kinematics import PlatformKinematics
-from omni_core.quantities import FloatArray
+from omni_core.quantities import GRAVITY, FloatArray
 from omni_sim.ground.friction import FrictionMap
 from omni_sim.tire.combined_slip import passive_parameters
 from omni_sim.vehicle import state
 from omni_sim.vehicle.configuration import VehicleConfiguration
-from omni_sim.vehicle.loads import GRAVITY, load_plane, support_polygon, wheel_loads
+from omni_sim.vehicle.loads import load_plane, support_polygon, wheel_loads
 from omni_sim.wheel.roller_geometry import AXIS
 
 

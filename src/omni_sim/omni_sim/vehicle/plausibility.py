@@ -11,10 +11,10 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 
 from omni_core.geometry import PlatformGeometry
-from omni_core.quantities import plain
+from omni_core.quantities import GRAVITY, plain
 from omni_sim.tire.tire import Tire
 from omni_sim.vehicle.configuration import VehicleConfiguration
-from omni_sim.vehicle.loads import GRAVITY, load_plane
+from omni_sim.vehicle.loads import load_plane
 from omni_sim.vehicle.rollers import roller_remarks
 
 # Plausible ranges of ratios [1]. load: wheel load to the largest load of the tire. brake and drive:

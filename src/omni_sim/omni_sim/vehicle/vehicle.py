@@ -8,9 +8,10 @@ from numpy.typing import ArrayLike
 
 from omni_core import kinematics, quantities
 from omni_core.configuration import ConfigurationWarning
+from omni_core.quantities import GRAVITY
 from omni_sim.ground.elevation import ElevationConfiguration, elevation_at
 from omni_sim.ground.friction import FrictionMap
-from omni_sim.vehicle import dynamics, loads, placing, uneven_ground
+from omni_sim.vehicle import dynamics, placing, uneven_ground
 from omni_sim.vehicle import state as layout
 from omni_sim.vehicle.configuration import VehicleConfiguration
 from omni_sim.vehicle.placing import along_active, rolling_radius
@@ -144,7 +145,7 @@ class Vehicle:
             )
         n = len(self.state.wheels)
         level_springs = suspension._replace(mounted=np.zeros(n))
-        settle(plant, level_springs, np.zeros(n), plant.mass * loads.GRAVITY)
+        settle(plant, level_springs, np.zeros(n), plant.mass * GRAVITY)
         return self._chassis
 
     def apply_brake_faults(self, time: float) -> None:

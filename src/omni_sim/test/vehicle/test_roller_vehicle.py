@@ -12,11 +12,10 @@ from logged_steps import advance_logged, kinetic_energy
 from reference_equations import wheel_rate
 
 from omni_core.configuration import ConfigurationError
-from omni_core.quantities import FloatArray
+from omni_core.quantities import GRAVITY, FloatArray
 from omni_sim.configuration import SimulationConfiguration, SimulatorConfiguration
 from omni_sim.simulator import Simulator
 from omni_sim.vehicle.configuration import VehicleConfiguration
-from omni_sim.vehicle.loads import GRAVITY
 from omni_sim.vehicle.vehicle import Vehicle, VehicleInputError
 from omni_sim.wheel.roller_geometry import RollerConfiguration
 

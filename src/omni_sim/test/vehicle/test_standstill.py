@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from logged_steps import advance_logged
 
+from omni_core.quantities import GRAVITY
 from omni_sim.vehicle.configuration import VehicleConfiguration
-from omni_sim.vehicle.loads import GRAVITY
 from omni_sim.vehicle.vehicle import Vehicle
 
 ON, NO_COMMAND = np.ones(4), np.zeros(3)

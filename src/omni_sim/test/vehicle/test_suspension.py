@@ -11,10 +11,9 @@ import pytest
 from logged_steps import advance_logged
 
 from omni_core.configuration import ConfigurationError
-from omni_core.quantities import FloatArray
+from omni_core.quantities import GRAVITY, FloatArray
 from omni_sim.ground.elevation import BumpConfiguration, ElevationConfiguration
 from omni_sim.vehicle.configuration import VehicleConfiguration, WheelCondition
-from omni_sim.vehicle.loads import GRAVITY
 from omni_sim.vehicle.suspension import SuspensionConfiguration
 from omni_sim.vehicle.vehicle import Vehicle, VehicleInputError
 

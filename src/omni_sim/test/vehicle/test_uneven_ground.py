@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from reference_equations import wheel_contacts
 
 from omni_core.configuration import from_mapping
+from omni_core.quantities import GRAVITY
 from omni_sim.configuration import (
     GroundConfiguration,
     SimulationConfiguration,
@@ -27,7 +28,6 @@ from omni_sim.ground.elevation import (
 from omni_sim.messages import ground_truth
 from omni_sim.simulator import Simulator
 from omni_sim.vehicle.configuration import VehicleConfiguration
-from omni_sim.vehicle.loads import GRAVITY
 from omni_sim.vehicle.uneven_ground import frame_turn, level, orientation
 from omni_sim.vehicle.vehicle import Vehicle
 

@@ -11,10 +11,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from logged_steps import advance_logged, kinetic_energy
 
-from omni_core.quantities import FloatArray
+from omni_core.quantities import GRAVITY, FloatArray
 from omni_sim.ground.elevation import ElevationConfiguration
 from omni_sim.vehicle.configuration import VehicleConfiguration
-from omni_sim.vehicle.loads import GRAVITY, MassConfiguration
+from omni_sim.vehicle.loads import MassConfiguration
 from omni_sim.vehicle.placing import rolling_radius
 from omni_sim.vehicle.vehicle import Vehicle
 from omni_sim.wheel.passive_losses import PassiveLossConfiguration, passive_force

@@ -9,9 +9,8 @@ import math
 
 import numpy as np
 
-from omni_core.quantities import FloatArray
+from omni_core.quantities import GRAVITY, FloatArray
 from omni_sim.vehicle.configuration import VehicleConfiguration
-from omni_sim.vehicle.loads import GRAVITY
 from omni_sim.vehicle.vehicle import DEFAULT_PHYSICS_STEP, Vehicle
 
 SINGLE, CONTACT, ROLLERS = "single", "roller_contact", "rollers"

@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 
 from omni_core.configuration import ConfigurationError
+from omni_core.quantities import GRAVITY
 from omni_runs.experiment import ExperimentLibrary
 from omni_runs.loop import run_closed_loop
 from omni_runs.metrics import run_metrics
-from omni_sim.vehicle.loads import GRAVITY
 from omni_sim.vehicle.mujoco_vehicle import MujocoVehicle, load_mujoco
 from omni_tools.vehicles.estimates import Measured, write_vehicle
 

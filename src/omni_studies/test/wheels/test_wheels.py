@@ -11,9 +11,9 @@ import pytest
 
 from omni_core.commands.command_options import parse_options
 from omni_core.configuration import ConfigurationError
+from omni_core.quantities import GRAVITY
 from omni_runs.experiment import ExperimentLibrary
 from omni_sim.vehicle.configuration import VehicleConfiguration
-from omni_sim.vehicle.loads import GRAVITY
 from omni_studies.studies import wheels
 from omni_studies.study import StudyRun, run_study
 from omni_studies.wheels.trials import (

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Sequence
 
-from omni_sim.vehicle.loads import GRAVITY
+from omni_core.quantities import GRAVITY
 
 RESOLUTION = 0.01  # [m] a smaller displacement affects neither the trail nor the metrics of a stop
 

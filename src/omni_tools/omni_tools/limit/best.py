@@ -22,12 +22,12 @@ import numpy as np
 from omni_core.configuration import ConfigurationError
 from omni_core.geometry import cross, turned
 from omni_core.kinematics import PlatformKinematics
-from omni_core.quantities import FloatArray
+from omni_core.quantities import GRAVITY, FloatArray
 from omni_runs.history import RunHistory
 from omni_runs.limit import bounds, forces
 from omni_sim.tire.interface.model import curve_at
 from omni_sim.vehicle.configuration import VehicleConfiguration
-from omni_sim.vehicle.loads import GRAVITY, load_plane
+from omni_sim.vehicle.loads import load_plane
 
 _SOLVER = {"print_level": 0, "max_iter": 400, "tol": 1e-6, "sb": "yes"}
 # Radau IIA, two stages.

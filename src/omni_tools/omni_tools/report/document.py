@@ -28,13 +28,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from omni_core.geometry import PlatformGeometry, turned
-from omni_core.quantities import FloatArray
+from omni_core.quantities import GRAVITY, FloatArray
 from omni_runs.figures import style
 from omni_runs.figures.scene import Scene
 from omni_runs.figures.tables.comparison_table import in_readable_unit, metric_label, metric_number
 from omni_runs.history import RunHistory
 from omni_sim.vehicle.configuration import VehicleConfiguration
-from omni_sim.vehicle.loads import GRAVITY, load_plane, support_polygon, wheel_loads
+from omni_sim.vehicle.loads import load_plane, support_polygon, wheel_loads
 from omni_tools.report import recording
 from omni_tools.report.recording import ReportedRun, Series
 

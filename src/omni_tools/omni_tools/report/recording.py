@@ -111,8 +111,6 @@ def read_test_ratios(bag_folder: Path | str) -> Series | None:
     return Series(stream.stamp_ns, rows, names)
 
 
-CONFIGURATION = "configuration.yaml"
-
 _ASSISTING = (
     AssistState.ASSISTING.value,
     AssistState.DEAD_RECKONING.value,
@@ -221,7 +219,9 @@ def read_reported_run(path: Path, name: str) -> ReportedRun:
     history = recorded_run.read_run(path)
     forces = read_wheel_forces(path, len(history.wheel_names))
     notes = [] if forces else ["no wheel forces were recorded"]
-    configuration, values, problem = read_configuration(path / CONFIGURATION, history.wheel_names)
+    configuration, values, problem = read_configuration(
+        path / experiment.CONFIGURATION, history.wheel_names
+    )
     if problem:
         notes.append(f"vehicle, ground, slips and loads are not shown: {problem}")
     return ReportedRun(
@@ -266,7 +266,11 @@ def differing_values(paths: Sequence[Path]) -> tuple[dict[str, list[str]], dict[
     for path in paths:
         folder = path if path.is_dir() else path.parent
         try:
-            found.append(dict(islice(_flattened(_read_tree(folder / CONFIGURATION)), _MOST_VALUES)))
+            found.append(
+                dict(
+                    islice(_flattened(_read_tree(folder / experiment.CONFIGURATION)), _MOST_VALUES)
+                )
+            )
         except ValueError as error:
             found.append({})
             problems[path] = str(error)[:_LONGEST_TEXT]
@@ -306,11 +310,11 @@ def _read_tree(path: Path) -> dict[str, Any]:
     try:
         tree = folder.read_plain_file(path)
     except OSError:
-        raise ValueError(f"there is no {CONFIGURATION} next to the recording") from None
+        raise ValueError(f"there is no {experiment.CONFIGURATION} next to the recording") from None
     except ValueError as error:
-        raise ValueError(f"{CONFIGURATION} {error}") from None
+        raise ValueError(f"{experiment.CONFIGURATION} {error}") from None
     if not isinstance(tree, dict):
-        raise ValueError(f"{CONFIGURATION} does not name any value")
+        raise ValueError(f"{experiment.CONFIGURATION} does not name any value")
     return tree
 
 

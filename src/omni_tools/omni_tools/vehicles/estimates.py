@@ -13,9 +13,9 @@ from omni_core.configuration import (
     to_mapping,
 )
 from omni_core.geometry import TYPICAL_WIDTH
+from omni_core.quantities import GRAVITY
 from omni_runs.yaml_files import commented_yaml
 from omni_sim.tire.tire import TireConfiguration
-from omni_sim.vehicle.loads import GRAVITY
 from omni_sim.wheel.roller_geometry import RollerConfiguration
 
 _MECANUM, _OMNI = "mecanum", "omni"

@@ -9,6 +9,7 @@ import pytest
 from scipy.optimize import brentq
 
 from omni_core.geometry import cross
+from omni_core.quantities import GRAVITY
 from omni_runs.compiled import run_fast_loop
 from omni_runs.experiment import ExperimentLibrary
 from omni_runs.limit.bounds import (
@@ -22,7 +23,7 @@ from omni_runs.limit.forces import Case, LimitVehicle, farthest
 from omni_sim.configuration import GroundConfiguration
 from omni_sim.ground.friction import FrictionPatch
 from omni_sim.vehicle.configuration import VehicleConfiguration
-from omni_sim.vehicle.loads import GRAVITY, MassConfiguration, load_plane
+from omni_sim.vehicle.loads import MassConfiguration, load_plane
 from omni_sim.vehicle.suspension import SuspensionConfiguration
 
 ROOT = Path(__file__).parents[4]

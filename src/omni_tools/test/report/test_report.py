@@ -15,11 +15,12 @@ import numpy as np
 import pytest
 
 from omni_core.kinematics import PlatformKinematics
+from omni_core.quantities import GRAVITY
+from omni_recording.limits import LIMITS
 from omni_runs.experiment import ExperimentLibrary
 from omni_runs.history import RunHistory
 from omni_runs.metrics import run_metrics
 from omni_sim.vehicle.configuration import VehicleConfiguration
-from omni_sim.vehicle.loads import GRAVITY
 from omni_tools.report.document import flat_ground_loads, report_document, report_page, rim_slips
 from omni_tools.report.recording import (
     ReportedRun,
