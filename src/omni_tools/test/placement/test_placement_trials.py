@@ -30,7 +30,9 @@ def test_predicted_errors_hold_and_the_best_placement_equals_the_default() -> No
     radius = gyration(vehicle.chassis_length, vehicle.chassis_width)
     mix = MotionMix.of(SPEED, 1.0, (1, 1, 0, 0))
     criterion = MeanError(VIEW, trial.error, mix, radius)
-    found = search(criterion, MountingArea(scene, VIEW, 0.02, 0.02), 3, effort=Effort(starts=2))
+    found = search(
+        criterion, MountingArea(scene, VIEW, 0.02, 0.02), 3, effort=Effort(population=10)
+    )
     places = LIBRARY.sensors("three_generic")
     default = {n: VIEW.mounted(s.x, s.y, s.heading_deg) for n, s in places.items()}
     measured, predicted = [], []
