@@ -8,7 +8,7 @@ from ament_package import install
 install(
     commands={
         "replay": "omni_runs.replay.command",
-        "run": "omni_runs.graph.command",
+        "run": "omni_runs.run.command",
     },
     data=["figures/omni.mplstyle"],
 )

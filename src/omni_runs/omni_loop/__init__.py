@@ -7,7 +7,6 @@ forward_imports(
     {
         __name__: "omni_runs",
         f"{__name__}.file_kinds": "omni_tools.vehicles.file_kinds",
-        f"{__name__}.options": "omni_runs.sweep.options",
         f"{__name__}.sweep": "omni_runs.sweep.sweep",
     },
 )

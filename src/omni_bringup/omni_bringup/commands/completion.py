@@ -10,8 +10,7 @@ from typing import Any
 from omni_core import commands, configuration
 from omni_core.commands import command_options
 from omni_core.commands.command_report import Report
-from omni_runs.items import EVERY, names_of
-from omni_runs.workspace import ExperimentWorkspace
+from omni_runs.workspace import EVERY, ExperimentWorkspace, names_of
 
 _VALUES = {"--vehicle": "vehicles", "--ground": "grounds", "--experiment": "experiments"}
 _NAMED = {"run": "experiments", "limit": "experiments"}  # kind of name that follows a command

@@ -6,8 +6,7 @@ Print names and descriptions; ./omni show NAME shows one of them.
 from omni_core.commands.command_options import CommandOptions, option
 from omni_core.commands.command_report import Report
 from omni_core.configuration import check_choice
-from omni_runs.items import EVERY, names_of
-from omni_runs.workspace import ExperimentWorkspace
+from omni_runs.workspace import EVERY, ExperimentWorkspace, names_of
 
 
 class Options(CommandOptions):

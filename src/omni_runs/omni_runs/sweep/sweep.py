@@ -12,8 +12,8 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from omni_core.configuration import ConfigurationError
 from omni_runs import experiment, history
 from omni_runs.metrics import Metric
+from omni_runs.options import is_swept
 from omni_runs.stops import named_stops, stop_metrics
-from omni_runs.sweep.options import is_swept
 from omni_runs.yaml_files import load_yaml
 
 MOST = 1000

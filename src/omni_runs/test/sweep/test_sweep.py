@@ -11,7 +11,7 @@ from omni_bringup.cli import main
 from omni_core.configuration import ConfigurationError
 from omni_runs.compiled import run_fast_loop
 from omni_runs.experiment import ExperimentLibrary
-from omni_runs.sweep.options import is_swept
+from omni_runs.options import is_swept
 from omni_runs.sweep.sweep import combinations, short_keys
 
 CONFIG = Path(__file__).resolve().parents[4] / "config"

@@ -32,7 +32,7 @@ from omni_runs.figures.time_series import time_series, while_braking
 from omni_runs.figures.top_view import top_view
 from omni_runs.history import RunHistory
 from omni_runs.metrics import Metric, run_metrics
-from omni_runs.sweep.options import LoopOptions
+from omni_runs.options import LoopOptions
 from omni_studies.identification import study as table_2
 from omni_studies.identification.table_2 import TWIST_ALONE
 from omni_studies.study import StudyResult, StudyRun

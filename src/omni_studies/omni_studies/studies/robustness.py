@@ -23,7 +23,7 @@ from matplotlib.figure import Figure
 from omni_core.configuration import parameter
 from omni_runs.figures import style
 from omni_runs.metrics import Metric
-from omni_runs.sweep.options import LoopOptions
+from omni_runs.options import LoopOptions
 from omni_studies.campaign import random_braking
 from omni_studies.campaign.random_braking import ALLOWED, Outcome
 from omni_studies.campaign.sensor_faults import FaultyStops, Stop, limits, loss_of_twist

@@ -23,7 +23,7 @@ from omni_core.configuration import ConfigurationError, parameter
 from omni_runs.experiment import WITHOUT_CAMERAS, short_name
 from omni_runs.figures import style
 from omni_runs.metrics import Metric
-from omni_runs.sweep.options import LoopOptions
+from omni_runs.options import LoopOptions
 from omni_studies.study import StudyResult, StudyRun
 from omni_studies.tuning import trials
 from omni_studies.tuning.trials import OFF, BrakeLag, Setting, Trial, distance_at, front

@@ -12,8 +12,15 @@ from typing import TYPE_CHECKING
 from omni_core import configuration
 from omni_core.commands.command_options import CommandOptions, option
 from omni_core.commands.command_report import Report
-from omni_runs.items import EVERY, KINDS, LAWS, STUDIES, first_sentence, names_of
-from omni_runs.workspace import ExperimentWorkspace
+from omni_runs.workspace import (
+    EVERY,
+    KINDS,
+    LAWS,
+    STUDIES,
+    ExperimentWorkspace,
+    first_sentence,
+    names_of,
+)
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -10,7 +10,7 @@ import pytest
 from omni_runs.yaml_files import read_mapping
 from omni_tools.vehicles.file_kinds import possible_kinds
 
-CONFIG = Path(__file__).resolve().parents[3] / "config"
+CONFIG = Path(__file__).resolve().parents[4] / "config"
 KINDS = ("vehicles", "grounds", "sensors", "experiments", "tires")
 
 

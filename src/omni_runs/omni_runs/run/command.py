@@ -18,7 +18,7 @@ from omni_core.commands import command_report, interruption
 from omni_core.commands.command_options import CommandOptions, option
 from omni_core.commands.workspace import progress_bar
 from omni_core.configuration import ConfigurationError, InputError, WorkError, check_choice
-from omni_runs.sweep.options import LoopOptions, is_swept
+from omni_runs.options import LoopOptions, is_swept
 from omni_runs.workspace import ExperimentWorkspace
 
 if TYPE_CHECKING:

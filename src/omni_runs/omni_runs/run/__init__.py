@@ -1,0 +1,1 @@
+"""The command ``./omni run``: an experiment over the ROS graph, or with several values."""
