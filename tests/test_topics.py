@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
+from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 from omni_core import topics
-from omni_ros.messages import message_class
+from omni_ros.messages import message_class, packed
 
 SOURCES = Path(__file__).parents[1] / "src"
 OF_SENSORS = {
@@ -36,6 +38,8 @@ def test_the_type_of_a_topic_is_installed(name: str) -> None:
 def test_a_node_publishes_its_topics(node: str) -> None:
     text = (SOURCES / NODES[node]).read_text(encoding="utf-8")
     used = set(re.findall(r"\btopics\.(\w+)", text))
+    if f'published_by("{node}")' in text:  # then the node publishes each plain topic
+        used |= {name for name, topic in KNOWN.items() if topic.is_plain}
     expected = {name for name, topic in KNOWN.items() if topic.publisher == node} - {"CLOCK"}
     assert expected
     assert expected <= used
@@ -43,3 +47,20 @@ def test_a_node_publishes_its_topics(node: str) -> None:
 
 def test_each_topic_has_a_name_of_its_own() -> None:
     assert len({topic.name for topic in KNOWN.values()}) == len(KNOWN)
+
+
+def test_each_signal_has_a_name_of_its_own() -> None:
+    names = [signal.name for topic in KNOWN.values() for signal in topic.signals]
+    assert len(set(names)) == len(names)
+
+
+def test_a_plain_message_has_a_value_for_each_name() -> None:
+    heights = topics.Signal("height", "position", "m", ("front", "rear"))
+    topic = topics.Topic(
+        "heights", topics.JOINT_STATE, "node", (heights,), joints=("front", "rear")
+    )
+    message = packed(topic, SimpleNamespace(stamp_ns=3, height=np.array([0.1, 0.2])), ())
+    assert (message.header.stamp.nanosec, list(message.name)) == (3, ["front", "rear"])
+    assert list(message.position) == [0.1, 0.2]
+    assert not len(message.velocity)
+    assert not len(message.effort)

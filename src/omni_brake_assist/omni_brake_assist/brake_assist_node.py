@@ -60,6 +60,7 @@ TUNABLE = frozenset(
         "frozen_time",
     }
 )
+_DECISION = tuple(one for one in topics.published_by("brake_assist") if one.is_plain)
 _NOTHING_YET = {"state": AssistState.NO_DEMAND.value, "fault": AssistState.NO_DEMAND.value}
 
 
@@ -243,9 +244,7 @@ class BrakeAssistNode(Node):
         period = min(self._demand_timeout, self._feedback_timeout) / 2.0
         self._running = RunningClock(period)
         self._pedal_received = self._twist_received = self._running.now()
-        self._decisions = {
-            topic.name: advertise(self, topic) for topic in (topics.ENABLE, topics.SLIDING)
-        }
+        self._decisions = {topic.name: advertise(self, topic) for topic in _DECISION}
         self._test_ratios = advertise(self, topics.TEST_RATIOS)
         words = "; ".join(filter(None, ["no pedal yet: all brakes on", self._warning]))
         self._status = StatusReporter(
@@ -414,12 +413,8 @@ def _tuning(parameters: list[Parameter]) -> dict[str, Any]:
 
 
 def decision_messages(decision: Decision, wheels: Sequence[str]) -> dict[str, Any]:
-    """Return enables and errors of a decision as `JointState` messages, keyed by topic name."""
-    stamp_ns = decision.stamp_ns
-    return {
-        topics.ENABLE.name: messages.joint_state(stamp_ns, wheels, effort=decision.enable),
-        topics.SLIDING.name: messages.joint_state(stamp_ns, wheels, velocity=decision.error),
-    }
+    """Return the messages of a decision, such as enables and errors, keyed by topic name."""
+    return {topic.name: messages.packed(topic, decision, wheels) for topic in _DECISION}
 
 
 def run(node: BrakeAssistNode, spinner: Spinner) -> None:

@@ -4,11 +4,12 @@ import math
 from collections.abc import Mapping
 
 from omni_brake_assist.weighting import WEIGHTINGS, check_tuning_constant
-from omni_core.brakes import ON_OFF, BrakeConfiguration
+from omni_core.brakes import BrakeConfiguration
 from omni_core.configuration import Configuration, ConfigurationError, parameter, section
 from omni_core.geometry import WheelMount
 from omni_core.kinematics import PlatformKinematics
 from omni_core.plugins import check_name
+from omni_core.quantities import CONTROL_PERIOD
 
 LAWS = ("sliding_mode", "allocation")
 """Built-in control laws."""
@@ -84,7 +85,7 @@ class BrakeAssistConfiguration(Configuration):
     """Nominal brake model that the law `allocation` uses for each wheel"""
     allocation: AllocationConfiguration = section(AllocationConfiguration)
     """Parameters of the law `allocation`"""
-    control_period: float = parameter(0.01, unit="s", minimum=1e-4, maximum=1.0)
+    control_period: float = parameter(CONTROL_PERIOD, unit="s", minimum=1e-4, maximum=1.0)
     """Time between two steps of the assistant; more frequent IMU readings are integrated over it"""
     minimum_dwell_time: float = parameter(0.0, unit="s", minimum=0.0, maximum=1.0)
     """Minimum time between two switching operations of a valve; ignored when all brakes must act"""
@@ -173,7 +174,7 @@ class BrakeAssistConfiguration(Configuration):
                 "time between two steps of the assistant",
             )
         wheels = len(self.wheels)
-        if self.law == "allocation" and self.brake.kind == ON_OFF and wheels > MOST_VALVES:
+        if self.law == "allocation" and self.brake.is_switched and wheels > MOST_VALVES:
             raise ConfigurationError(
                 "law",
                 f"allocation compares all patterns of on-off valves, which takes too long for "

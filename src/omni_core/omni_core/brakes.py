@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -12,16 +12,47 @@ from omni_core.quantities import FloatArray
 ON_OFF, PROPORTIONAL, VELOCITY = KINDS = ("on_off", "proportional", "velocity")
 SPRING, TORQUE = "spring", "torque"
 
-TYPICAL: Mapping[str, Mapping[str, Any]] = {
-    ON_OFF: {"kind": ON_OFF},
-    SPRING: {"kind": ON_OFF, "dead_time": 0.06, "release_time": 0.1},
-    PROPORTIONAL: {"kind": PROPORTIONAL},
-    TORQUE: {"kind": PROPORTIONAL},
-    VELOCITY: {"kind": VELOCITY},
+
+class BrakeKind(NamedTuple):
+    """Properties of a kind of brake that simulator, assistant, adapter and tools use.
+
+    Attributes:
+        words: name of such brakes in a sentence.
+        typical: typical values of the section `brake`; `kind` is the model of pressure and torque
+            in the simulator and in the law.
+        is_drive: whether a motor drive brakes the wheel, so that its torque and power limit the
+            brake, and its command depends on the wheel speed.
+        is_coil: whether a coil releases the brake, so that its operations need a minimum time
+            between them.
+        law: control law for a new vehicle, empty for the default. Without fast valves, the law of
+            2013 lengthens the stop far more than `allocation`.
+    """
+
+    words: str
+    typical: Mapping[str, Any]
+    is_drive: bool = False
+    is_coil: bool = False
+    law: str = "allocation"
+
+
+# Spring-applied electromagnetic brakes need 40 to 120 ms to act according to data sheets.
+_SPRING = {"kind": ON_OFF, "dead_time": 0.06, "release_time": 0.1}
+BRAKES = {
+    ON_OFF: BrakeKind("on-off valves", {"kind": ON_OFF}, law=""),
+    SPRING: BrakeKind("spring-applied brakes", _SPRING, is_coil=True),
+    PROPORTIONAL: BrakeKind("proportional brakes", {"kind": PROPORTIONAL}),
+    TORQUE: BrakeKind("drives with a torque command", {"kind": PROPORTIONAL}, is_drive=True),
+    VELOCITY: BrakeKind("drives with a velocity command", {"kind": VELOCITY}, is_drive=True),
 }
-"""Typical values of the section `brake`, for each kind of brake: on-off valves; spring-applied
-electromagnetic brakes, which need 40 to 120 ms to act according to data sheets; proportional
-brakes; motor drives with a torque or a speed command"""
+"""All kinds of brakes. `omni_vehicle.brake_adapter` computes their commands."""
+
+TYPICAL = {name: kind.typical for name, kind in BRAKES.items()}
+"""Typical values of the section `brake`, for each kind of brake."""
+
+BRAKES_IN_WORDS = "kind of brakes: " + ", ".join(
+    f"`{name}` for {kind.words}" for name, kind in BRAKES.items()
+)
+"""Description of an option with the kind of brakes."""
 
 
 def typical_changes(brakes: str) -> tuple[str, ...]:
@@ -67,7 +98,17 @@ class BrakeConfiguration(Configuration):
     @property
     def pressure_step(self) -> float:
         """Resolution of the brake pressure [1]: 1 for on-off valves, 0 for a continuous brake."""
-        return 1.0 if self.kind == ON_OFF else self.resolution
+        return 1.0 if self.is_switched else self.resolution
+
+    @property
+    def is_switched(self) -> bool:
+        """Whether the brake is either on or off."""
+        return self.kind == ON_OFF
+
+    @property
+    def is_ramped(self) -> bool:
+        """Whether the brake is a drive whose speed command decreases along a ramp."""
+        return self.kind == VELOCITY
 
     @property
     def settling_time(self) -> float:

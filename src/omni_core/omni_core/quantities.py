@@ -20,6 +20,9 @@ SECOND_NS = 1_000_000_000
 GRAVITY = 9.81
 """Acceleration of gravity [m/s^2]."""
 
+CONTROL_PERIOD = 0.01
+"""Default of all periods that equal the control period: simulator, assistant, brake adapter [s]."""
+
 LARGEST_OFFSET = 100.0
 """Limit on the coordinates x and y of any part relative to the platform's center [m]; a larger
 value is assumed to be a typing error."""

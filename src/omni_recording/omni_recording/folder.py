@@ -321,7 +321,7 @@ def in_time_order(messages: Iterable[mcap.RecordedMessage]) -> Iterator[mcap.Rec
     """Yield messages in the order of log time; messages with equal times keep their order.
 
     In a file, messages of different topics may be out of order. To sort them, the messages of one
-    second of recorded time are buffered, up to a total of `Limits.waiting` bytes.
+    second of recorded time are buffered, up to a total of `RecordingLimits.waiting` bytes.
     """
     waiting: list[tuple[int, int, mcap.RecordedMessage]] = []
     size, newest_ns = 0, 0

@@ -4,7 +4,7 @@ import dataclasses
 
 
 @dataclasses.dataclass(frozen=True)
-class Limits:
+class RecordingLimits:
     """Limits on sizes and counts of the content of a recording; a length is a number of characters.
 
     Attributes:
@@ -34,4 +34,4 @@ class Limits:
     rows: int = 4096
 
 
-LIMITS = Limits()
+LIMITS = RecordingLimits()

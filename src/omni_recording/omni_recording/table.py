@@ -2,8 +2,8 @@
 
 Examples of columns are ``twist.twist.linear.x``, ``header.stamp_ns`` (times are converted to
 nanoseconds) and ``covariance[7]``. The arrays of a ``JointState`` have a column for each joint,
-such as ``velocity.front_left``. A message that would need more than `Limits.columns` columns, such
-as an image, is not converted.
+such as ``velocity.front_left``. A message that would need more than `RecordingLimits.columns`
+columns, such as an image, is not converted.
 """
 
 from collections.abc import Iterator, Sequence
@@ -39,7 +39,7 @@ def flatten(decoder: MessageDecoder, type_name: str, message: Any) -> list[Cell]
         Name, kind (a ROS base type such as ``float64``) and value of each column.
 
     Raises:
-        TooWideError: the message has more than `Limits.columns` columns.
+        TooWideError: the message has more than `RecordingLimits.columns` columns.
     """
     cells: list[Cell] = []
     for cell in _cells(decoder, type_name, message, ""):

@@ -19,6 +19,7 @@ from std_msgs.msg import Header
 from omni_core import signals
 from omni_core.configuration import ConfigurationError
 from omni_core.quantities import SECOND_NS, FloatArray
+from omni_core.topics import JOINT_STATE, Topic
 
 _Message = TypeVar("_Message")
 
@@ -133,6 +134,22 @@ def joint_state(
     if effort is not None:
         message.effort = _doubles(effort)
     return message
+
+
+def packed(topic: Topic, sample: Any, wheels: Sequence[str]) -> Any:
+    """Return the signals of a plain topic in a sample of its publisher as a message.
+
+    Args:
+        topic: topic with `is_plain`.
+        sample: sample with a stamp and with the attributes that the signals name, such as the
+            observation of the simulator.
+        wheels: names of the wheels in the order of the values.
+    """
+    values = {one.field: getattr(sample, one.attribute or one.name) for one in topic.signals}
+    if topic.type == JOINT_STATE:
+        return joint_state(sample.stamp_ns, topic.joints or wheels, **values)
+    (twist,) = values.values()
+    return planar_twist(sample.stamp_ns, twist)
 
 
 def planar_twist(stamp_ns: int, twist: FloatArray) -> geometry.TwistStamped:

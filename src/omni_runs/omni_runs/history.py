@@ -19,14 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 from omni_core.geometry import turned
 from omni_core.quantities import BoolArray, FloatArray, IntArray
 from omni_core.signals import UNMEASURED_VARIANCE
-
-PER_WHEEL = "per wheel"
-
-# Column names of an array with several numbers per stamp; none for one number per stamp.
-_NUMBER: dict[str, tuple[str, ...]] = {"components": ()}
-_WHEELS = {"components": (PER_WHEEL,)}
-_TWIST = {"components": ("v_x", "v_y", "yaw rate")}
-_POSE = {"components": ("x", "y", "yaw")}
+from omni_core.topics import DECLARED, PER_WHEEL, Signal, Topic
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -60,17 +53,17 @@ class RunHistory:
     """
 
     wheel_names: tuple[str, ...]
-    stamp_ns: IntArray = dataclasses.field(metadata=_NUMBER)
-    pose: FloatArray = dataclasses.field(metadata=_POSE)
-    twist: FloatArray = dataclasses.field(metadata=_TWIST)
-    wheel_angle: FloatArray = dataclasses.field(metadata=_WHEELS)
-    wheel_speed: FloatArray = dataclasses.field(metadata=_WHEELS)
-    brake_torque: FloatArray = dataclasses.field(metadata=_WHEELS)
-    enable: FloatArray = dataclasses.field(metadata=_WHEELS)
-    error: FloatArray = dataclasses.field(metadata=_WHEELS)
-    pedal: FloatArray = dataclasses.field(metadata=_NUMBER)
-    estimate: FloatArray = dataclasses.field(metadata=_TWIST)
-    estimate_variance: FloatArray = dataclasses.field(metadata=_TWIST)
+    stamp_ns: IntArray
+    pose: FloatArray
+    twist: FloatArray
+    wheel_angle: FloatArray
+    wheel_speed: FloatArray
+    brake_torque: FloatArray
+    enable: FloatArray
+    error: FloatArray
+    pedal: FloatArray
+    estimate: FloatArray
+    estimate_variance: FloatArray
     assist_state: tuple[str, ...] = ()
     real_time_factor: float = math.nan
 
@@ -93,7 +86,7 @@ class RunHistory:
     def columns(self, name: str) -> tuple[str, ...]:
         """Return the column names of a signal; empty for a signal with a single column."""
         components = SIGNALS[name]
-        return self.wheel_names if components == (PER_WHEEL,) else components
+        return self.wheel_names if components == PER_WHEEL else components
 
     @classmethod
     def from_samples(cls, *, pose: ArrayLike, **samples: Any) -> RunHistory:
@@ -195,10 +188,15 @@ class RunHistory:
         return turned(self.twist[:, :2], self.pose[:, 2])
 
 
+_ARRAYS = {field.name for field in dataclasses.fields(RunHistory)}
+SOURCES: Mapping[str, tuple[Topic, Signal]] = {
+    one.name: (topic, one) for topic in DECLARED for one in topic.signals if one.name in _ARRAYS
+}
+"""Topic and signal of each array of a history, except the stamps."""
+
 SIGNALS: Mapping[str, tuple[str, ...]] = {
-    field.name: field.metadata["components"]
-    for field in dataclasses.fields(RunHistory)
-    if "components" in field.metadata
+    "stamp_ns": (),
+    **{name: signal.columns for name, (_, signal) in SOURCES.items()},
 }
 """Names of the columns of each array of a history; see `RunHistory.columns`."""
 

@@ -166,14 +166,17 @@ def record(
 
 
 _NOTHING = np.full(3, np.nan)
-_RECORDED = ("stamp_ns", "pose", "twist", "wheel_angle", "wheel_speed", "brake_torque", "pedal")
 
 
 def _sample(moment: Moment, estimate: signals.TwistSample | None) -> Mapping[str, Any]:
+    samples = {"simulator": moment.observation, "brake_assist": moment.decision}
     return {
-        **{name: getattr(moment.observation, name) for name in _RECORDED},
-        "enable": moment.decision.enable,
-        "error": moment.decision.error,
+        "stamp_ns": moment.observation.stamp_ns,
+        **{
+            name: getattr(samples[topic.publisher], name)
+            for name, (topic, _) in history.SOURCES.items()
+            if topic.publisher in samples
+        },
         "estimate": _NOTHING if estimate is None else estimate.value,
         "estimate_variance": _NOTHING if estimate is None else np.diag(estimate.covariance),
     }

@@ -9,7 +9,7 @@ odometry has the stamp of its newest line, which is up to one line period before
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -20,17 +20,15 @@ from omni_core.geometry import turned
 from omni_core.quantities import FloatArray, IntArray
 from omni_core.signals import UNMEASURED_VARIANCE
 from omni_recording.error import BagError
-from omni_runs.history import RunHistory
+from omni_runs.history import SOURCES, RunHistory
 
 if TYPE_CHECKING:
     from omni_recording.folder import Bag
     from omni_recording.mcap import RecordedChannel
 
-_TOPICS = (
-    topics.GROUND_TRUTH, topics.WHEEL_STATES, topics.PEDAL, topics.ENABLE, topics.SLIDING,
-    topics.TWIST, topics.DIAGNOSTICS,
-)  # fmt: skip
-_TRUTH, _WHEELS, _PEDAL, _ENABLE, _ERROR, _ESTIMATE, _DIAGNOSTICS = (one.name for one in _TOPICS)
+_TRUTH, _WHEELS, _ESTIMATE = (
+    one.name for one in (topics.GROUND_TRUTH, topics.WHEEL_STATES, topics.TWIST)
+)
 _ASSISTANT = "brake_assist"  # name of the assistant's diagnostics status, after the namespace
 # If a run has no odometry or no brake assistant, the values are NaN.
 _REQUIRED = (topics.WHEEL_STATES, topics.PEDAL)
@@ -71,7 +69,8 @@ def read_run(bag_folder: Path | str) -> RunHistory:
     from omni_recording.folder import open_vehicle
 
     bag = open_vehicle(bag_folder)
-    streams = read_streams(bag, _TOPICS, _REQUIRED)
+    chosen = (*(topic for topic, _ in SOURCES.values()), topics.DIAGNOSTICS)
+    streams = read_streams(bag, chosen, _REQUIRED)
     assistant = f"{bag.namespace}/{_ASSISTANT}".removeprefix("/")
     try:
         return _to_history(streams, assistant)
@@ -140,47 +139,29 @@ def _to_history(streams: Mapping[str, Stream], assistant: str) -> RunHistory:
     if np.any(np.diff(stamps) == 0):
         raise ValueError("stamps of the ground truth occur twice")
     wheel_names = tuple(streams[_WHEELS].messages[0].name)
-    wheels = len(wheel_names)
 
-    def sampled(topic: str, width: int, values: Callable[[Any], Any]) -> FloatArray:
-        """Return the values of a topic at each control stamp, shape (T, width); NaN if unknown.
-
-        Args:
-            topic: name of the topic.
-            width: number of values per message.
-            values: function that returns the values of a message.
-        """
-        rows = np.full((len(stamps), width), np.nan)
-        if topic in streams:
+    def sampled(name: str) -> FloatArray:
+        """Return an array of the history, shape (T, K) or (T,); NaN where it is unknown."""
+        topic, signal = SOURCES[name]
+        width = len(wheel_names) if signal.columns == topics.PER_WHEEL else len(signal.columns)
+        rows = np.full((len(stamps), width) if width else len(stamps), np.nan)
+        if topic.name in streams:
+            stream = streams[topic.name]
             # t_{k-1} < stamp <= t_k; of several messages in one period, the last one is used.
-            places = np.searchsorted(stamps, streams[topic].stamp_ns, side="left")
-            for place, message in zip(places.tolist(), streams[topic].messages, strict=True):
+            places = np.searchsorted(stamps, stream.stamp_ns, side="left")
+            for place, message in zip(places.tolist(), stream.messages, strict=True):
                 if place < len(stamps):
-                    rows[place] = values(message)
+                    rows[place] = values_of(message, name, wheel_names)
         return rows
 
-    def by_wheel(topic: str, field: str) -> FloatArray:
-        # A vehicle that does not measure wheel angles or brake torques leaves the field empty.
-        return sampled(
-            topic,
-            wheels,
-            lambda message: (
-                ordered(message, field, wheel_names) if len(getattr(message, field)) else np.nan
-            ),
-        )
-
+    arrays: dict[str, Any] = {
+        name: sampled(name) for name, (topic, _) in SOURCES.items() if topic != topics.GROUND_TRUTH
+    }
     return RunHistory.from_quaternions(
         wheel_names=wheel_names,
         **motion,
-        wheel_angle=by_wheel(_WHEELS, "position"),
-        wheel_speed=by_wheel(_WHEELS, "velocity"),
-        brake_torque=by_wheel(_WHEELS, "effort"),
-        enable=by_wheel(_ENABLE, "effort"),
-        error=by_wheel(_ERROR, "velocity"),
-        pedal=sampled(_PEDAL, 1, demand)[:, 0],
-        estimate=sampled(_ESTIMATE, 3, lambda message: planar_twist(message.twist.twist)),
-        estimate_variance=sampled(_ESTIMATE, 3, lambda m: m.twist.covariance[_VARIANCES]),
-        assist_state=_assist_states(stamps, streams.get(_DIAGNOSTICS), assistant),
+        **arrays,
+        assist_state=_assist_states(stamps, streams.get(topics.DIAGNOSTICS.name), assistant),
     )
 
 
@@ -243,6 +224,30 @@ def _assist_states(stamps: IntArray, stream: Stream | None, assistant: str) -> l
     return states
 
 
+def values_of(message: Any, name: str, wheel_names: Sequence[str]) -> Any:
+    """Return the values of an array of the history in a message; NaN if they are missing.
+
+    Args:
+        message: message of the topic in `SOURCES`, which must not be that of the ground truth.
+        name: name of the array.
+        wheel_names: names of the wheels in the order of the result.
+
+    Raises:
+        ValueError: the message has other wheels, or another number of values.
+    """
+    signal = SOURCES[name][1]
+    if signal.field == "twist.twist":
+        return planar_twist(message.twist.twist)
+    if signal.field == "twist.covariance":
+        return message.twist.covariance[_VARIANCES]
+    # A vehicle that does not measure wheel angles or brake torques leaves the field empty.
+    if not len(values := getattr(message, signal.field)):
+        return np.nan
+    if signal.columns == topics.PER_WHEEL:
+        return ordered(message, signal.field, wheel_names)
+    return values if signal.columns else values[0]
+
+
 def ordered(message: Any, field: str, wheel_names: Sequence[str]) -> FloatArray:
     """Return a field of a JointState with its N values in the order of `wheel_names`, shape (N,).
 
@@ -258,11 +263,6 @@ def ordered(message: Any, field: str, wheel_names: Sequence[str]) -> FloatArray:
         raise ValueError(f"wheels {', '.join(message.name)} are not {', '.join(wheel_names)}")
     order = [message.name.index(name) for name in wheel_names]
     return values[order]
-
-
-def demand(pedal: Any) -> float:
-    """Return the braking demand in a message on `brake/pedal` [1]; NaN if the message is empty."""
-    return float(pedal.position[0]) if len(pedal.position) else np.nan
 
 
 def planar_twist(twist: Any) -> tuple[float, float, float]:

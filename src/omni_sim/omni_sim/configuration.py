@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 
 from omni_core.configuration import Configuration, ConfigurationError, parameter, section
-from omni_core.quantities import SECOND_NS
+from omni_core.quantities import CONTROL_PERIOD, SECOND_NS
 from omni_core.sensors import FlowSensor, LineSensor
 from omni_sim.camera.camera import CameraConfiguration
 from omni_sim.camera.optics import check_exposure
@@ -37,7 +37,7 @@ class SimulationConfiguration(Configuration):
 
     physics_step: float = parameter(0.0005, unit="s", minimum=1e-6, maximum=0.01)
     """Fixed time step of the physics"""
-    control_period: float = parameter(0.01, unit="s", minimum=1e-4, maximum=1.0)
+    control_period: float = parameter(CONTROL_PERIOD, unit="s", minimum=1e-4, maximum=1.0)
     """Time between two control steps"""
     duration_limit: float = parameter(30.0, unit="s", above=0.0, maximum=3600.0)
     """Limit on the duration of a run"""

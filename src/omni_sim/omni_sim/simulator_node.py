@@ -17,6 +17,7 @@ from functools import partial
 import numpy as np
 from geometry_msgs.msg import Twist, TwistStamped
 from rclpy.node import Node
+from rclpy.publisher import Publisher
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
@@ -105,40 +106,23 @@ class SimulatorNode(Node):
         subscribe(self, topics.TWIST, self._on_twist, raw=True)
 
     def _make_publishers(self) -> None:
-        create = partial(advertise, self)
         self._shared_clock: clocks.SharedClock | None = None
         if self.loop.publish_clock:
             self._shared_clock = clocks.SharedClock(self, alone=self.loop.mode == "lockstep")
-        self._wheel_states = create(topics.WHEEL_STATES)
-        self._joints = create(topics.JOINT_STATES)  # for robot_state_publisher
-        self._imu = create(topics.IMU)
-        self._pedal = create(topics.PEDAL)
-        self._command = create(topics.COMMAND)
-        self._truth = create(topics.GROUND_TRUTH)
-        self._velocity = create(topics.VELOCITY_SENSOR)
-        self._markers = create(topics.MARKERS)
-        self._forces = create(topics.WHEEL_FORCES)
-        self._diagnostics = create(topics.DIAGNOSTICS)
-        self._description = create(topics.ROBOT_DESCRIPTION)
-        self._reported_limits: frozenset[str] = frozenset()
         cameras, flow_sensors = self.configuration.sensors, self.configuration.flow_sensors
-        self._lines = {name: create(topics.lines(name)) for name in cameras}
-        self._camera_infos = {name: create(topics.camera_info(name)) for name in cameras}
-        self._flows = {name: create(topics.flow(name)) for name in flow_sensors}
-        lines, flows = tuple(self._lines.values()), tuple(self._flows.values())
-        recorded = self.loop.lines_recorded
-        self.outputs = (self._wheel_states, self._pedal, *flows, *(lines if recorded else ()))
+        lines, flows = map(topics.lines, cameras), map(topics.flow, flow_sensors)
+        declared = (*topics.published_by("simulator"), topics.DIAGNOSTICS)
+        own = {one: advertise(self, one) for one in (*declared, *lines, *flows)}
+        infos = {one: advertise(self, one) for one in map(topics.camera_info, cameras)}
+        self._advertised = own | infos
+        self._reported_limits: frozenset[str] = frozenset()
+        # No node replies to the other topics, so one subscriber less is awaited for them.
+        answered = {topics.WHEEL_STATES, topics.PEDAL, *map(topics.flow, flow_sensors)}
+        answered |= set(map(topics.lines, cameras)) if self.loop.lines_recorded else set()
+        self.outputs = tuple(own[one] for one in own if one in answered)
         clock = self._shared_clock.publisher() if self._shared_clock else None
-        # No node replies to these topics, so one subscriber less is awaited for them.
-        measured = self._imu, self._velocity, self._command
-        shown = (
-            self._truth,
-            self._markers,
-            self._forces,
-            self._diagnostics,
-            *(() if recorded else lines),
-        )
-        self.recorded_outputs = (*((clock,) if clock else ()), *measured, *shown)
+        others = (own[one] for one in own if one.recorded and one not in answered)
+        self.recorded_outputs = (*((clock,) if clock else ()), *others)
 
     def publish_descriptions(self) -> None:
         """Publish the vehicle description and the geometry of the line cameras, once."""
@@ -148,10 +132,12 @@ class SimulatorNode(Node):
         imu = self.configuration.imu
         if imu.enabled:
             mounts[IMU_FRAME] = Mount(x=imu.x, y=imu.y, heading_deg=0.0)
-        self._description.publish(String(data=urdf("vehicle", vehicle.wheels, mounts, size)))
+        self._advertised[topics.ROBOT_DESCRIPTION].publish(
+            String(data=urdf("vehicle", vehicle.wheels, mounts, size))
+        )
         for name, sensor in self.configuration.sensors.items():
             info = line_images.camera_info(name, sensor.pixels, sensor.length, sensor.width)
-            self._send(self._camera_infos[name], info)
+            self._send(topics.camera_info(name), info)
 
     def publish(self, observation: Observation) -> None:
         """Publish the messages of one step.
@@ -162,37 +148,36 @@ class SimulatorNode(Node):
         stamp_ns = observation.stamp_ns
         for name, batch in observation.line_batches.items():  # first, as matching takes longest
             image = line_images.line_image(batch.stamp_ns, self._prefix + name, batch.lines)
-            self._send(self._lines[name], image)
+            self._send(topics.lines(name), image)
         clock = self._shared_clock.publisher() if self._shared_clock else None
         if clock is not None:
-            self._send(clock, Clock(clock=messages.to_time(stamp_ns)))
+            self._publish(clock, Clock(clock=messages.to_time(stamp_ns)))
         for name, flow in observation.flows.items():
-            self._send(self._flows[name], flow_message(name, flow))
-        angle, speed = observation.wheel_angle, observation.encoder_speed
-        torque = observation.brake_torque
-        wheels = messages.joint_state(
-            stamp_ns, self._wheels, position=angle, velocity=speed, effort=torque
-        )
-        self._send(self._wheel_states, wheels)
+            self._send(topics.flow(name), flow_message(name, flow))
+        plain = {
+            topic: messages.packed(topic, observation, self._wheels)
+            for topic in self._advertised
+            if topic.is_plain
+        }
+        wheels = plain.pop(topics.WHEEL_STATES)
+        self._send(topics.WHEEL_STATES, wheels)
         if self.configuration.imu.enabled:
             for reading in observation.imu:
                 period_ns = self.simulator.control_period_ns
-                self._send(self._imu, imu_message(reading, self.configuration.imu, period_ns))
+                self._send(topics.IMU, imu_message(reading, self.configuration.imu, period_ns))
         twist = observation.velocity_sensor
         velocity = messages.planar_twist_with_covariance(
             twist.stamp_ns, twist.value, twist.covariance
         )
-        self._send(self._velocity, velocity)
-        pedal = messages.joint_state(
-            stamp_ns, ("brake_pedal",), position=np.array([observation.pedal])
-        )
-        self._send(self._pedal, pedal)
-        self._send(self._command, messages.planar_twist(stamp_ns, observation.command))
-        self._send(self._truth, ground_truth(observation))
+        self._send(topics.VELOCITY_SENSOR, velocity)
+        for topic, message in plain.items():
+            self._send(topic, message)
+        self._send(topics.GROUND_TRUTH, ground_truth(observation))
         if stamp_ns % _MARKER_NS < self.simulator.control_period_ns:
-            self._joints.publish(wheels)
-            self._send(self._markers, scene_markers(self.configuration, observation))
-            self._send(self._forces, wheel_forces(self._wheels, observation))
+            # for robot_state_publisher
+            self._advertised[topics.JOINT_STATES].publish(wheels)
+            self._send(topics.MARKERS, scene_markers(self.configuration, observation))
+            self._send(topics.WHEEL_FORCES, wheel_forces(self._wheels, observation))
 
         simulator = self.simulator
         states = {"overload": simulator.overloaded, "tipping": simulator.tipping}
@@ -237,7 +222,7 @@ class SimulatorNode(Node):
             words or "back within the limits of the model",
             {"state": ", ".join(sorted(exceeded)) or "ok"},
         )
-        self._send(self._diagnostics, status)
+        self._send(topics.DIAGNOSTICS, status)
 
     def take_demand(self) -> None:
         """Pass the latest demand of an external driver to the simulator for the next step."""
@@ -297,10 +282,13 @@ class SimulatorNode(Node):
         newest_ns = self._twist_stamp_ns
         return newest_ns >= 0 and newest_ns > stamp_ns - self.simulator.control_period_ns
 
-    def _send(self, publisher: object, message: object) -> None:
+    def _send(self, topic: topics.Topic, message: object) -> None:
+        self._publish(self._advertised[topic], message)
+
+    def _publish(self, publisher: Publisher, message: object) -> None:
         prefix_frames(message, self._prefix)
-        publisher.publish(message)  # type: ignore[attr-defined]
-        self.count(publisher.topic_name)  # type: ignore[attr-defined]
+        publisher.publish(message)
+        self.count(publisher.topic_name)
 
     def count(self, topic: str) -> None:
         """Count a published message, for comparison with the number of recorded messages."""

@@ -20,7 +20,7 @@ import math
 
 import numpy as np
 
-from omni_core.brakes import ON_OFF, PROPORTIONAL, SPRING, TORQUE, TYPICAL
+from omni_core.brakes import BRAKES, SPRING, TORQUE
 from omni_core.configuration import Configuration, ConfigurationError, parameter
 from omni_core.quantities import FloatArray
 
@@ -30,7 +30,7 @@ class BrakeAdapterConfiguration(Configuration):
 
     wheels: tuple[str, ...] = parameter()
     """Names of the wheels in the order of the controller's joints"""
-    kind: str = parameter(SPRING, choices=tuple(TYPICAL))
+    kind: str = parameter(SPRING, choices=tuple(BRAKES))
     """Kind of brakes"""
     max_torque: float = parameter(10.0, unit="N m", above=0.0, maximum=1.0e6)
     """Braking torque of a wheel at full demand, for torque drives"""
@@ -104,10 +104,11 @@ class BrakeAdapter:
         # false for NaN, so that a wheel with this value brakes fully
         valid = (demand.enable >= 0.0) & (demand.enable <= 1.0)
         share = pedal * np.where(valid, demand.enable, 1.0)
-        if self.configuration.kind in (ON_OFF, PROPORTIONAL):
-            return share
-        if self.configuration.kind == SPRING:
+        kind = BRAKES[self.configuration.kind]
+        if kind.is_coil:
             return self._spring(share, dt)
+        if not kind.is_drive:
+            return share
         known, drive = np.isfinite(demand.speed), _finite(demand.drive)
         if pedal == 0.0:
             self._command = np.where(known, demand.speed, drive)

@@ -18,9 +18,9 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool, Float64MultiArray
 
 from omni_core import topics
-from omni_core.brakes import TORQUE, VELOCITY
+from omni_core.brakes import BRAKES
 from omni_core.configuration import Configuration, ConfigurationError, parameter
-from omni_core.quantities import FloatArray
+from omni_core.quantities import CONTROL_PERIOD, FloatArray
 from omni_ros.messages import joint_state, to_nanoseconds
 from omni_ros.parameters import declare_configuration
 from omni_ros.process import run_process, spin_until_stopped
@@ -58,7 +58,7 @@ class TopicsConfiguration(Configuration):
     full braking"""
     pedal_timeout: float = parameter(0.1, unit="s", above=0.0, maximum=2.0)
     """Time without a demand, or without an emergency-stop message, after which all brakes are on"""
-    period: float = parameter(0.01, unit="s", minimum=0.001, maximum=0.05)
+    period: float = parameter(CONTROL_PERIOD, unit="s", minimum=0.001, maximum=0.05)
     """Time between two commands"""
 
 
@@ -195,7 +195,7 @@ class BrakeAdapterNode(Node):
             pedal, enable = 1.0, np.ones(len(enable))
         speed = np.full(len(enable), math.nan) if self._silent("joints", timeout) else self._speed
         unknown = ~np.isfinite(speed)
-        if np.any(unknown) and self._configuration.kind in (TORQUE, VELOCITY):
+        if np.any(unknown) and BRAKES[self._configuration.kind].is_drive:
             names = ", ".join(compress(self._configuration.wheels, unknown))
             problems.append(
                 f"no speed of {names}: a torque drive cannot brake, a velocity drive brakes fully"

@@ -30,7 +30,7 @@ _TRUTH: tuple[dict[str, Any], ...] = (
 _ODOMETRY: dict[str, Any] = {"color": style.BLACK, "linewidth": 0.9, "linestyle": (0, (4, 3))}
 _OWN_SCALE = "#FFF7DC"  # background of a panel that has its own scale
 
-Limits = tuple[float, float]
+AxisLimits = tuple[float, float]
 _BEFORE = 0.3  # time that is shown before the start of braking [s]
 # A panel whose values span less than this share of the common scale gets its own scale [1].
 _OWN_SHARE = 0.125
@@ -150,7 +150,7 @@ def _scale_row(
     """
     common = _limits(shown, noisy)
     whole = common[1] - common[0]
-    left: Limits | None = None  # limits of the panel to the left
+    left: AxisLimits | None = None  # limits of the panel to the left
     for place, (axes, values) in enumerate(zip(row, shown, strict=True)):
         low, high = common
         known = np.append(values[np.isfinite(values)], 0.0)
@@ -167,7 +167,7 @@ def _scale_row(
         left = low, high
 
 
-def _limits(shown: Sequence[FloatArray], noisy: Sequence[FloatArray] = ()) -> Limits:
+def _limits(shown: Sequence[FloatArray], noisy: Sequence[FloatArray] = ()) -> AxisLimits:
     """Return the limits of an axis, which include zero.
 
     Args:

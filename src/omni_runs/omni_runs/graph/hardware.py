@@ -10,7 +10,7 @@ from typing import Any
 from linescan_odometry.odometry import OdometryConfiguration
 from omni_brake_assist.configuration import BrakeAssistConfiguration
 from omni_core import topics
-from omni_core.brakes import SPRING, TYPICAL
+from omni_core.brakes import BRAKES
 from omni_core.configuration import Configuration, ConfigurationError, check_choice, from_mapping
 from omni_core.description import IMU_FRAME, urdf
 from omni_core.sensors import Mount
@@ -22,7 +22,6 @@ from omni_vehicle.brake_adapter import BrakeAdapterConfiguration
 DESCRIPTION = "robot.urdf"
 FRAMES = "robot_state_publisher"
 RECORDER = "recorder"
-_RECORDED = (topics.WHEEL_STATES, topics.PEDAL, topics.ENABLE, topics.TWIST, topics.IMU)
 WARNING = "feedback_warning"  # parameter of the assistant
 LOG_ONLY = "log_only"  # parameter file that is read after that of the assistant
 ODOMETRY, BRAKE_ASSIST = "linescan_odometry", "brake_assist"
@@ -202,17 +201,17 @@ def brake_adapter(assistant: BrakeAssistConfiguration, brakes: str) -> BrakeAdap
 
     Args:
         assistant: configuration of the assistant.
-        brakes: kind of the brakes, a key of `TYPICAL`.
+        brakes: kind of the brakes, a key of `BRAKES`.
 
     Raises:
         ConfigurationError: the assistant assumes another kind of brakes, or a coil that may switch
             in every step.
     """
-    brake, needed = assistant.brake, TYPICAL[brakes]["kind"]
+    brake, needed = assistant.brake, BRAKES[brakes].typical["kind"]
     if brake.kind != needed:
         problem = f"{brakes} brakes need brake_assist.brake.kind {needed}, but it is {brake.kind}"
         raise ConfigurationError("--brakes", problem)
-    if brakes == SPRING and assistant.minimum_dwell_time == 0.0:
+    if BRAKES[brakes].is_coil and assistant.minimum_dwell_time == 0.0:
         problem = "is 0, must be the shortest time between two switching operations of the coils"
         raise ConfigurationError("brake_assist.minimum_dwell_time", problem)
     return BrakeAdapterConfiguration(
@@ -254,8 +253,8 @@ def write_parameters(
     documents[f"{FRAMES}.yaml"] = parameters_text({"robot_description": description})
     documents[f"{LOG_ONLY}.yaml"] = parameters_text({"enabled": False})
     recorded = {
-        "topics": [topic.ros_name for topic in (*_RECORDED, topics.DIAGNOSTICS)],
-        "types": [topic.type for topic in (*_RECORDED, topics.DIAGNOSTICS)],
+        "topics": [topic.ros_name for topic in topics.OF_REAL_VEHICLE],
+        "types": [topic.type for topic in topics.OF_REAL_VEHICLE],
     }
     documents[f"{RECORDER}.yaml"] = parameters_text(recorded)
     if brakes:

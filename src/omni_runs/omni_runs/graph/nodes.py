@@ -2,6 +2,7 @@
 
 import dataclasses
 from collections.abc import Mapping, Sequence
+from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
@@ -24,23 +25,10 @@ _RECORDER = 1  # number of subscriptions that the recorder adds to each topic
 def recorded_topics(configuration: ExperimentConfiguration) -> dict[str, str]:
     """Return the message type of each recorded topic, keyed by the topic's absolute name."""
     found = [
-        topics.CLOCK,
-        topics.DIAGNOSTICS,
-        topics.WHEEL_STATES,
-        topics.PEDAL,
-        topics.ENABLE,
-        topics.SLIDING,
-        topics.TEST_RATIOS,
-        topics.COMMAND,
-        topics.ODOM,
-        topics.TWIST,
-        topics.VELOCITY_SENSOR,
-        topics.GROUND_TRUTH,
-        topics.MARKERS,
-        topics.WHEEL_FORCES,
+        topic
+        for topic in topics.DECLARED
+        if topic.recorded and (not topic.needs or attrgetter(topic.needs)(configuration))
     ]
-    found += [topics.IMU] if configuration.imu.enabled else []
-    found += [topics.SIDESLIP] if configuration.odometry.sideslip else []
     for sensor in configuration.sensors:
         found += [topics.lines(sensor), topics.camera_info(sensor)]
     found += map(topics.flow, configuration.flow_sensors)

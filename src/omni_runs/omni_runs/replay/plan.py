@@ -52,7 +52,7 @@ def replay_plan(configuration: ExperimentConfiguration, nodes: Sequence[str]) ->
         inputs += [topics.WHEEL_STATES, feedback_topic(configuration), topics.PEDAL]
         if configuration.brake_assist.fault_detection and configuration.imu.enabled:
             inputs.append(topics.IMU)
-        outputs += [topics.ENABLE, topics.SLIDING]
+        outputs += [one for one in topics.published_by(BRAKE_ASSIST) if one.is_plain]
     # The output of one node may be the input of another; it is then not read from the recording.
     return ReplayPlan(
         configuration,

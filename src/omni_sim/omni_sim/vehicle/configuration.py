@@ -5,7 +5,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from omni_core import geometry, quantities
-from omni_core.brakes import VELOCITY, BrakeConfiguration
+from omni_core.brakes import BrakeConfiguration
 from omni_core.configuration import (
     Configuration,
     ConfigurationError,
@@ -149,7 +149,7 @@ class VehicleConfiguration(Configuration):
             "contact": self.contact != "ideal",
             "suspension.stiffness": self.suspension.stiffness > 0.0,
             "passive_losses": self.passive_losses.active,
-            "brake.kind": self.brake.kind == VELOCITY,
+            "brake.kind": self.brake.is_ramped,
         }
         for place in (place for place, used in lacking.items() if used):
             if self.wheel_model == "mujoco":

@@ -4,7 +4,6 @@ import math
 
 import numpy as np
 
-from omni_core.brakes import VELOCITY
 from omni_core.geometry import cross
 from omni_core.kinematics import PlatformKinematics
 from omni_core.quantities import GRAVITY, FloatArray
@@ -30,7 +29,7 @@ def build_plant(
     geometry = kinematics.geometry
     tire, brake = configuration.tire, configuration.brake
     # Ratio of the deceleration that a velocity drive commands to the brake torque [m/s^2 per N m].
-    ramp = brake.ramp / (brake.max_torque or math.inf) if brake.kind == VELOCITY else 0.0
+    ramp = brake.ramp / (brake.max_torque or math.inf) if brake.is_ramped else 0.0
     lever = geometry.position - masses.center
     moment = cross(lever, geometry.active)
     rim = np.sum(geometry.active * geometry.rolling, axis=1)

@@ -66,7 +66,7 @@ _SEARCHED = 8  # every n-th seed is followed by a search for a worse fault
 _STEPS = 10  # number of faults that a search tries
 
 
-class Fault(NamedTuple):
+class SensorFault(NamedTuple):
     """A fault of sensors or a brake.
 
     Attributes:
@@ -104,7 +104,7 @@ class Reference(NamedTuple):
     rotation: float
 
 
-class Stop(NamedTuple):
+class StopWithFault(NamedTuple):
     """Result of a stop with a fault.
 
     Attributes:
@@ -113,8 +113,8 @@ class Stop(NamedTuple):
         imu: whether there is an IMU, 0 or 1.
         case: vehicle and braking maneuver, one of `CASES`.
         extent: extent of the fault, one of `EXTENTS`.
-        channel: faulty channels, as in `Fault`.
-        kind: kind of the fault, as in `Fault`.
+        channel: faulty channels, as in `SensorFault`.
+        kind: kind of the fault, as in `SensorFault`.
         axis: index of the faulty axis or wheel, -1 for all.
         onset: time of the fault after the pedal is pressed [s].
         amplitude: amplitude of the fault, in the unit of the first channel.
@@ -190,7 +190,7 @@ class FaultyStops:
         drawn = EXTENTS, KINDS, _SIZES, _SHARES, _BRAKES, list(_CHANNELS.items())
         return digest(list(self._bases.values()), drawn, _SEARCHED, _STEPS)
 
-    def __call__(self, seed: int) -> Stop:
+    def __call__(self, seed: int) -> StopWithFault:
         """Run the stop with conditions and fault drawn with a seed, and return the result.
 
         If a search for a worse fault follows, the worst stop is returned.
@@ -209,7 +209,7 @@ class FaultyStops:
                     worst, fault = tried, changed
         return worst
 
-    def run(self, setting: Setting, fault: Fault, seed: int = 0) -> Stop:
+    def run(self, setting: Setting, fault: SensorFault, seed: int = 0) -> StopWithFault:
         """Run a stop with a fault, and return the result compared with the reference stop."""
         base = self._bases[setting, True]
         time = max(round(base.maneuver.brake_time + fault.onset, 3), 0.0)
@@ -233,7 +233,7 @@ class FaultyStops:
             faulty = dataclasses.replace(base, faults=faults)
             reference = all_on = self.reference(setting)
         run = run_fast_loop(faulty)
-        return Stop(
+        return StopWithFault(
             seed,
             setting.law,
             int(setting.imu),
@@ -260,7 +260,7 @@ class FaultyStops:
             self._references[setting] = _reference([run_fast_loop(base) for base in bases])
         return self._references[setting]
 
-    def _draw(self, random: np.random.Generator, setting: Setting, extent: str) -> Fault:
+    def _draw(self, random: np.random.Generator, setting: Setting, extent: str) -> SensorFault:
         wheels = len(self._bases[setting, True].vehicle.wheels)
         onset = round(float(random.uniform(-0.2, 1.2)), 2)
         if random.random() < 0.2:
@@ -270,7 +270,7 @@ class FaultyStops:
             before = random.random() < 0.5
             amplitude = {"brake": 0.0, "open_valve": 1.0, "stuck_brake": 0.5}[kind]
             wheel = int(random.integers(0, wheels))
-            return Fault("brake", kind, wheel, -9.0 if before else abs(onset), amplitude, 0.1)
+            return SensorFault("brake", kind, wheel, -9.0 if before else abs(onset), amplitude, 0.1)
         kind = str(random.choice(KINDS))
         if extent == "pair":
             pair = random.choice(_CHANNELS[setting.imu], 2, replace=False)
@@ -285,11 +285,11 @@ class FaultyStops:
         size = float(np.exp(random.uniform(np.log(low), np.log(high))))
         amplitude = round(size * float(random.choice([-1.0, 1.0])), 3)
         period = round(float(random.uniform(0.01, 0.6)), 2)
-        return Fault(channel, kind, axis, onset, amplitude, period)
+        return SensorFault(channel, kind, axis, onset, amplitude, period)
 
     def _change(
-        self, random: np.random.Generator, setting: Setting, extent: str, fault: Fault
-    ) -> Fault:
+        self, random: np.random.Generator, setting: Setting, extent: str, fault: SensorFault
+    ) -> SensorFault:
         """Return the next fault of a search: a copy with one changed entry, or a new fault."""
         other = self._draw(random, setting, extent)
         entry = str(random.choice(["kind", "onset", "amplitude", "period", "all"]))
@@ -312,7 +312,7 @@ def _range(channel: str, kind: str, axis: int) -> tuple[float, float]:
     return _SIZES["rate" if channel == "twist" and axis == 2 else channel]
 
 
-def _configurations(fault: Fault, time: float) -> dict[str, FaultConfiguration]:
+def _configurations(fault: SensorFault, time: float) -> dict[str, FaultConfiguration]:
     """Return the fault of each affected channel, keyed by channel.
 
     In a pair, the amplitudes of the two channels are at the same relative position in the
@@ -343,7 +343,7 @@ def _reference(runs: Sequence[FastRun]) -> Reference:
     )
 
 
-def _severity(stop: Stop) -> float:
+def _severity(stop: StopWithFault) -> float:
     """Return the severity of a stop [1]: 1 at the limit of distance or rotation.
 
     If the vehicle does not come to rest, 100 is added. A stop that is not counted has severity 0.
@@ -354,7 +354,9 @@ def _severity(stop: Stop) -> float:
     return stop.counted * (max(far, turned) + 100.0 * (1 - stop.rest))
 
 
-def _still_assists(run: FastRun, configuration: ExperimentConfiguration, fault: Fault) -> bool:
+def _still_assists(
+    run: FastRun, configuration: ExperimentConfiguration, fault: SensorFault
+) -> bool:
     start = configuration.maneuver.brake_time + max(fault.onset, 0.0) + 0.5
     first = np.searchsorted(run.stamp_ns, round(start * 1e9), side="right") - 1
     released = np.any(run.enable[first:] < 0.5, axis=1)
@@ -362,7 +364,7 @@ def _still_assists(run: FastRun, configuration: ExperimentConfiguration, fault: 
     return bool(not np.any(moving) or np.any(released[moving]))
 
 
-class Limits(NamedTuple):
+class StopLimits(NamedTuple):
     """Limits on the results of stops whose faults have a given extent; None for no limit.
 
     Attributes:
@@ -376,13 +378,13 @@ class Limits(NamedTuple):
     assisting: float | None
 
 
-def limits(extent: str, *, imu: bool) -> Limits:
+def limits(extent: str, *, imu: bool) -> StopLimits:
     """Return the limits on stops whose faults have the given extent; they hold for both laws."""
     if extent == "brake":
-        return Limits(1.2, 5.0, None)
+        return StopLimits(1.2, 5.0, None)
     if extent == "pair":
-        return Limits(1.5 if imu else None, None, None)
-    return Limits(1.15, 5.0, 92.0) if imu else Limits(1.5, 15.0, None)
+        return StopLimits(1.5 if imu else None, None, None)
+    return StopLimits(1.15, 5.0, 92.0) if imu else StopLimits(1.5, 15.0, None)
 
 
 def loss_of_twist(stops: FaultyStops, onset: float = 0.3) -> float:
@@ -392,7 +394,7 @@ def loss_of_twist(stops: FaultyStops, onset: float = 0.3) -> float:
         stops: campaign that runs the stop with each of its laws; the larger rotation is returned.
         onset: time of the drop-out after the start of braking [s].
     """
-    fault = Fault("twist", "drop_out", -1, onset, 0.0, 0.1)
+    fault = SensorFault("twist", "drop_out", -1, onset, 0.0, 0.1)
     settings = [Setting(law, True, "straight_line") for law in stops._laws]
     return max(
         stops.run(setting, fault).rotation + stops.reference(setting).rotation

@@ -31,7 +31,7 @@ SENSORS: Mapping[str, LineSensor] = {
 
 
 @dataclasses.dataclass(frozen=True)
-class Motion:
+class PathMotion:
     """Motion along a circle or a straight line, with a speed that changes linearly with time.
 
     Attributes:
@@ -53,26 +53,26 @@ class Motion:
         return time + 0.5 * self.growth * time**2
 
 
-MOTIONS: tuple[Motion, ...] = (
-    Motion((10.0, 0.0, 0.0)),
-    Motion((8.0, 0.0, 0.3), -1.0),
-    Motion((5.0, 0.0, 0.0), -1.5),
-    Motion((4.0, -3.0, 0.8)),
-    Motion((3.0, 1.0, 0.5)),
-    Motion((2.0, 0.0, 0.0)),
-    Motion((1.0, 0.3, -0.3), 1.0),
-    Motion((0.5, 0.0, 0.0)),
-    Motion((0.2, 0.1, 0.05)),
-    Motion((0.05, 0.0, 0.0)),
-    Motion((0.0, 0.0, 0.0)),
-    Motion((0.0, 3.0, 0.0)),
-    Motion((0.0, -1.0, 0.2)),
-    Motion((0.0, 0.0, 1.5)),
+MOTIONS: tuple[PathMotion, ...] = (
+    PathMotion((10.0, 0.0, 0.0)),
+    PathMotion((8.0, 0.0, 0.3), -1.0),
+    PathMotion((5.0, 0.0, 0.0), -1.5),
+    PathMotion((4.0, -3.0, 0.8)),
+    PathMotion((3.0, 1.0, 0.5)),
+    PathMotion((2.0, 0.0, 0.0)),
+    PathMotion((1.0, 0.3, -0.3), 1.0),
+    PathMotion((0.5, 0.0, 0.0)),
+    PathMotion((0.2, 0.1, 0.05)),
+    PathMotion((0.05, 0.0, 0.0)),
+    PathMotion((0.0, 0.0, 0.0)),
+    PathMotion((0.0, 3.0, 0.0)),
+    PathMotion((0.0, -1.0, 0.2)),
+    PathMotion((0.0, 0.0, 1.5)),
 )
 
 
 @dataclasses.dataclass(frozen=True)
-class Fault:
+class CameraFault:
     """A fault of line cameras or of their data.
 
     Attributes:
@@ -93,12 +93,12 @@ class Fault:
     repeats: bool = False
 
 
-def _camera(**changes: Any) -> Fault:
-    return Fault(camera=CameraConfiguration(**changes))
+def _camera(**changes: Any) -> CameraFault:
+    return CameraFault(camera=CameraConfiguration(**changes))
 
 
-FAULTS: Mapping[str, Fault] = {
-    "none": Fault(),
+FAULTS: Mapping[str, CameraFault] = {
+    "none": CameraFault(),
     "dirt_spots": _camera(dirt_spots=30),
     "stuck_pixel": _camera(stuck_pixels=1),
     "hot_pixels": _camera(hot_pixels=10),
@@ -107,11 +107,11 @@ FAULTS: Mapping[str, Fault] = {
     "mud": _camera(mud=0.25),
     "shadow_fixed": _camera(shadow=0.5),
     "shadow_moving": _camera(shadow=0.5, shadow_speed=0.3),
-    "lost_lines": Fault(lost=30),
-    "wrong_rate": Fault(rate=1.04),
-    "swapped_batches": Fault(swapped=5),
-    "repeated_batches": Fault(repeated=5),
-    "repeating_ground": Fault(repeats=True),
+    "lost_lines": CameraFault(lost=30),
+    "wrong_rate": CameraFault(rate=1.04),
+    "swapped_batches": CameraFault(swapped=5),
+    "repeated_batches": CameraFault(repeated=5),
+    "repeating_ground": CameraFault(repeats=True),
 }
 OF_TIME = ("lost_lines", "wrong_rate", "swapped_batches", "repeated_batches")
 
@@ -166,11 +166,11 @@ class Tally:
 
 def drive_over(
     ground: Ground,
-    faults: Mapping[str, Fault],
+    faults: Mapping[str, CameraFault],
     drives: range,
     batches: int,
     seed: int,
-    motions: Sequence[Motion] = MOTIONS,
+    motions: Sequence[PathMotion] = MOTIONS,
     **settings: Any,
 ) -> dict[str, Tally]:
     """Return the errors of all simulated drives over a ground, keyed by fault.
@@ -230,7 +230,7 @@ class _Exposed(NamedTuple):
 
 @functools.lru_cache(2)
 def _exposed(
-    ground: Ground, seed: int, motion: Motion, number: int, batches: int, repeats: bool
+    ground: Ground, seed: int, motion: PathMotion, number: int, batches: int, repeats: bool
 ) -> _Exposed:
     """Return the rendered lines of one drive; all faults use the same lines.
 
@@ -273,10 +273,10 @@ def _repeating(texture: GroundTexture, period: float = 0.0256) -> GroundTexture:
 
 
 def _measure(
-    fault: Fault,
+    fault: CameraFault,
     lines: Mapping[str, NDArray[np.uint8] | NDArray[np.uint16]],
     drive: _Exposed,
-    motion: Motion,
+    motion: PathMotion,
     settings: Mapping[str, Any],
 ) -> list[tuple[float, float, str]]:
     """Return the errors of all batches of one drive; the odometry is reset before the first one.

@@ -22,11 +22,11 @@ SHAPES = tuple(0.1 * i for i in range(1, 11))
 GROUP = 10
 """Number n of consecutive displacements in the median filter (section 4.6)."""
 
-MOTION = trials.Motion(rig.View(), 12.0, math.radians(89.0))
+MOTION = trials.ViewMotion(rig.View(), 12.0, math.radians(89.0))
 """Motion at 12 m/s, almost perpendicular (89 deg) to the camera's axis."""
 
 
-def sideways_motions(axis: float = 0.0) -> list[trials.Motion]:
+def sideways_motions(axis: float = 0.0) -> list[trials.ViewMotion]:
     """Return `MOTION` for all shapes and lengths of the field of view.
 
     `axis` is the angle of the camera's axis on the ground [rad].
@@ -60,7 +60,7 @@ def needed_overlap(overlap: FloatArray, right: FloatArray, share: float = 0.95) 
 
 def matches_table(
     names: tuple[str, ...],
-    motions: Sequence[trials.Motion],
+    motions: Sequence[trials.ViewMotion],
     cases: Mapping[Any, Sequence[trials.Matches]],
 ) -> tuple[tuple[str, ...], Iterator[tuple[str | float, ...]]]:
     """Return the header of a table, and an iterator over its rows, one for each case and motion.
@@ -83,7 +83,7 @@ def matches_table(
     )
 
 
-def _row(motion: trials.Motion, m: trials.Matches) -> tuple[float, ...]:
+def _row(motion: trials.ViewMotion, m: trials.Matches) -> tuple[float, ...]:
     view = motion.view
     medians = math.nan, math.nan
     if len(m.shift) >= GROUP:

@@ -51,7 +51,7 @@ _BATCHES = 8  # number of batches from each start
 
 
 @dataclasses.dataclass(frozen=True)
-class Case:
+class AccuracyCase:
     """Errors of line pairs with one number of pixels, one noise level and one ground.
 
     As in the odometry, pairs are excluded if the refined displacement is outside the correlation
@@ -121,7 +121,7 @@ def _cameras(study: StudyRun) -> dict[str, LineSensor]:
     return {name: study.experiments.camera(file) for name, file in _CAMERAS.items()}
 
 
-def trial(view: View, noise: int, kind: str, options: Options) -> Case:
+def trial(view: View, noise: int, kind: str, options: Options) -> AccuracyCase:
     """Return the result of rendering and matching line pairs at random displacements.
 
     Args:
@@ -146,7 +146,9 @@ def trial(view: View, noise: int, kind: str, options: Options) -> Case:
     bound = line_trials.cramer_rao_bound(view, eye, poses[::2], matches.truth, noise)
     wrong = float(np.mean(matches.pixel_error != 0.0))
     found = fraction[refined], matches.error[refined]
-    return Case(pixels, noise, kind, *found, wrong, bound[refined], matches.variance[refined])
+    return AccuracyCase(
+        pixels, noise, kind, *found, wrong, bound[refined], matches.variance[refined]
+    )
 
 
 def locking(fraction: FloatArray, error: FloatArray) -> float:
@@ -178,7 +180,7 @@ def _pull(fraction: FloatArray, error: FloatArray) -> tuple[FloatArray, FloatArr
     return place, curve
 
 
-def _metrics(cases: list[Case]) -> dict[str, Metric]:
+def _metrics(cases: list[AccuracyCase]) -> dict[str, Metric]:
     metrics: dict[str, Metric] = {}
     for pixels in dict.fromkeys(case.pixels for case in cases):
         for noise in _NOISES:
@@ -203,7 +205,7 @@ def _metrics(cases: list[Case]) -> dict[str, Metric]:
     return metrics
 
 
-def _draw(cases: list[Case], views: list[View]) -> Figure:
+def _draw(cases: list[AccuracyCase], views: list[View]) -> Figure:
     title = (
         "RMS error of refined displacements, and Cramer-Rao bound (dashed); below: mean error at "
         "2 gray levels, fitted bias, and its limit (dotted)"

@@ -31,7 +31,7 @@ from omni_studies.line_trials import view_grid
 from omni_studies.line_trials.view_grid import GROUP, sideways_motions
 from omni_studies.study import StudyResult, StudyRun
 from omni_tools.line_trials.rig import Rig, View, ground
-from omni_tools.line_trials.trials import Matches, Motion, measure, undetected
+from omni_tools.line_trials.trials import Matches, ViewMotion, measure, undetected
 
 CASES = {
     "overlap": "Overlap and error of a camera that moves along its axis at 5 to 200 m/s, with "
@@ -52,7 +52,7 @@ _SHIFT_LIMIT = 0.5  # overlap at the shift limit n / k, k = 2
 _NOISES = (0.0, 1.0, 5.0)  # gray levels, of Figure 66
 _LOWEST_OVERLAP = 0.15  # of the medians whose errors are counted by size (section 4.6)
 
-Found = list[tuple[Motion, Matches]]
+Found = list[tuple[ViewMotion, Matches]]
 
 
 class Options(LineOptions):
@@ -199,11 +199,11 @@ def _textures(options: Any, library: ExperimentLibrary) -> Mapping[str, GroundTe
     return {kind: ground(kind, options.texels) for kind in options.kinds}
 
 
-def _motions(case: str, axis: float = 0.0) -> list[Motion]:
+def _motions(case: str, axis: float = 0.0) -> list[ViewMotion]:
     if case != "overlap":
         return sideways_motions(axis)
     return [
-        Motion(View(length=length, width=0.4 * length), speed, 0.0)
+        ViewMotion(View(length=length, width=0.4 * length), speed, 0.0)
         for speed in _SPEEDS
         for length in _LENGTHS
     ]

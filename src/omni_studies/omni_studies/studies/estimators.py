@@ -120,7 +120,7 @@ def errors_of(
         options: number of motions, and seed.
     """
     velocity = speed * np.array([math.cos(angle), math.sin(angle)])
-    motion = trials.Motion((float(velocity[0]), float(velocity[1]), 0.0))
+    motion = trials.PathMotion((float(velocity[0]), float(velocity[1]), 0.0))
     errors = {}
     for method in METHODS:
         faults = {fault: trials.FAULTS[fault] for fault in _FAULTS}

@@ -68,7 +68,7 @@ class Options(CampaignOptions):
     and to detect faults"""
 
 
-class Stop(NamedTuple):
+class StopWithSource(NamedTuple):
     """Result of a stop with one law and one source of the twist.
 
     Attributes:
@@ -154,7 +154,7 @@ class Cases:
         stops = len(self.bases) * self.options.runs + len(self.named)
         return stops * len(self._each)
 
-    def run(self, number: int) -> Stop:
+    def run(self, number: int) -> StopWithSource:
         """Run the case with the given number."""
         rest, case = divmod(number, len(self._each))
         place = min(rest // self.options.runs, len(self.bases))
@@ -178,7 +178,9 @@ class Cases:
             model = SourceModel(source, kinematics, stop)
             metrics = run_metrics(run_fast_loop(configuration, model.measure))
         quantities = ("stopping_distance", "orientation_change")
-        return Stop(number, vehicle, stop, law, name, *(metrics[one].value for one in quantities))
+        return StopWithSource(
+            number, vehicle, stop, law, name, *(metrics[one].value for one in quantities)
+        )
 
 
 def _drawn(base: ExperimentConfiguration, stop: int, speed: float) -> ExperimentConfiguration:
@@ -245,7 +247,7 @@ def run(options: Options, study: StudyRun) -> StudyResult:
     prepare_grounds(rendered, TextureCache.of_user())
     given = (options.source, options.runs, options.rendered, options.speed)
     fingerprint = digest(cases.bases, cases.named, *given)
-    rows = study.campaign(cases.run, range(len(cases)), Stop, options, fingerprint)
+    rows = study.campaign(cases.run, range(len(cases)), StopWithSource, options, fingerprint)
     table = {
         (vehicle, law, source): _results(rows, vehicle, law, source)
         for vehicle in cases.groups
@@ -264,7 +266,9 @@ def run(options: Options, study: StudyRun) -> StudyResult:
     return dataclasses.replace(study.result(metrics, *_findings(table)), conditions=conditions)
 
 
-def _results(rows: Sequence[Stop], vehicle: str, law: str, source: str) -> dict[str, float]:
+def _results(
+    rows: Sequence[StopWithSource], vehicle: str, law: str, source: str
+) -> dict[str, float]:
     """Return statistics of the stops with one vehicle, law and source, keyed by name.
 
     Distances are divided by those of the same stops without the assistant [1]; rotations are in

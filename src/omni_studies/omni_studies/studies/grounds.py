@@ -32,7 +32,7 @@ from omni_studies import line_options
 from omni_studies.line_options import LineOptions, TextureOptions
 from omni_studies.study import StudyResult, StudyRun
 from omni_tools.line_trials.rig import View, camera, cameras, ground
-from omni_tools.line_trials.trials import Motion, every_second, match, path
+from omni_tools.line_trials.trials import ViewMotion, every_second, match, path
 
 CASES = {
     "grounds": "Pictures and spectra of all grounds, and the contrast in a wide view (Figures 59, "
@@ -102,7 +102,7 @@ class Curve:
         return float(self.shift[np.argmin(self.distance)]) - self.truth
 
 
-class Trial(NamedTuple):
+class GroundTrial(NamedTuple):
     """Results for one width of the field of view.
 
     Attributes:
@@ -221,7 +221,7 @@ def run(options: LineOptions, study: StudyRun) -> StudyResult:
     return study.result(metrics)
 
 
-def _trials(kind: str, options: LineOptions) -> list[Trial]:
+def _trials(kind: str, options: LineOptions) -> list[GroundTrial]:
     views = [_view(shape) for shape in _SHAPES]
     texture = ground(kind, options.texels)
     eyes = cameras(views, texture, options.noise, options.seed)
@@ -235,11 +235,13 @@ def _trials(kind: str, options: LineOptions) -> list[Trial]:
         matches = every_second(match(view, poses, eye.lines(poses, 0), options.metric))
         shift = round(float(matches.truth[0]))
         right, pairs = matches.right, zip(grays[::2], grays[1::2], strict=True)
-        overlap = Motion(view, _SPEED, _ANGLE).overlap
+        overlap = ViewMotion(view, _SPEED, _ANGLE).overlap
         contrast = float(grays.std(axis=1).mean())
         correlation = float(np.mean([_correlation(*pair, shift) for pair in pairs]))
         error = float(np.sqrt(np.mean(matches.error[right] ** 2))) if right.any() else math.nan
-        trials.append(Trial(shape, overlap, contrast, correlation, float(right.mean()), error))
+        trials.append(
+            GroundTrial(shape, overlap, contrast, correlation, float(right.mean()), error)
+        )
     return trials
 
 
@@ -252,7 +254,7 @@ def _correlation(old: FloatArray, new: FloatArray, shift: int) -> float:
     return float(np.corrcoef(new[: len(new) - shift], old[shift:])[0, 1])
 
 
-def _draw_contrast(found: dict[str, list[Trial]], options: LineOptions) -> Figure:
+def _draw_contrast(found: dict[str, list[GroundTrial]], options: LineOptions) -> Figure:
     kind = next(iter(found))
     title = (
         f"Wider views have less contrast and more overlap (Figure 69; lines of {kind} without "

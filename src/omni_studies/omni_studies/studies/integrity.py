@@ -77,7 +77,7 @@ class Options(CampaignOptions):
     """seed of grounds, positions and noise"""
 
 
-class Drive(NamedTuple):
+class IntegrityDrive(NamedTuple):
     """Counts of batches in a simulated drive over one ground with one fault, or in several drives.
 
     Attributes:
@@ -104,7 +104,7 @@ class Drive(NamedTuple):
     energy: float
 
     @classmethod
-    def of(cls, seed: int, ground: str, fault: str, tally: trials.Tally) -> Drive:
+    def of(cls, seed: int, ground: str, fault: str, tally: trials.Tally) -> IntegrityDrive:
         """Return the counts of a drive, from the errors of all batches."""
         measured = np.isfinite(tally.ratio)
         ratio, error = tally.ratio[measured], tally.error[measured]
@@ -113,9 +113,9 @@ class Drive(NamedTuple):
         counted = len(ratio), float(ratio @ ratio), within, float(error @ error)
         return cls(seed, ground, fault, *every, *counted)
 
-    def plus(self, other: Drive) -> Drive:
+    def plus(self, other: IntegrityDrive) -> IntegrityDrive:
         """Return the counts of this drive and another one together."""
-        return Drive(*self[:3], *map(operator.add, self[3:], other[3:]))
+        return IntegrityDrive(*self[:3], *map(operator.add, self[3:], other[3:]))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -129,7 +129,7 @@ class _Drives:
     seed: int
     method: str
 
-    def __call__(self, number: int) -> Drive:
+    def __call__(self, number: int) -> IntegrityDrive:
         """Simulate the drive with this number, and return its counts."""
         name, motion, fault = self.cells[number]
         drives = range(motion, motion + 1)
@@ -137,7 +137,7 @@ class _Drives:
         tallies = trials.drive_over(
             GROUNDS[name], faults, drives, self.batches, self.seed, method=self.method
         )
-        return Drive.of(number, name, fault, tallies[fault])
+        return IntegrityDrive.of(number, name, fault, tallies[fault])
 
     @property
     def cells(self) -> list[tuple[str, int, str]]:
@@ -175,7 +175,7 @@ def run(options: Options, study: StudyRun) -> StudyResult:
         grounds, faults, bool(options.faults), options.batches, options.seed, options.method
     )
     drives = study.campaign(
-        work, range(len(work.cells)), Drive, options, work.fingerprint, "drives.csv"
+        work, range(len(work.cells)), IntegrityDrive, options, work.fingerprint, "drives.csv"
     )
     tallies = _added_up(drives)
     cells = [(name, fault) for name in grounds for fault in faults if (name, fault) in tallies]
@@ -189,16 +189,16 @@ def run(options: Options, study: StudyRun) -> StudyResult:
     return study.result(metrics, *_findings(cells, metrics))
 
 
-def _added_up(drives: Iterable[Drive]) -> dict[tuple[str, str], Drive]:
+def _added_up(drives: Iterable[IntegrityDrive]) -> dict[tuple[str, str], IntegrityDrive]:
     """Return the summed counts of all drives, keyed by ground and fault."""
-    tallies: dict[tuple[str, str], Drive] = {}
+    tallies: dict[tuple[str, str], IntegrityDrive] = {}
     for drive in drives:
         cell = drive.ground, drive.fault
         tallies[cell] = tallies[cell].plus(drive) if cell in tallies else drive
     return tallies
 
 
-def _numbers(counts: Drive) -> tuple[float, ...]:
+def _numbers(counts: IntegrityDrive) -> tuple[float, ...]:
     """Return the values that follow ground and fault in a row of integrity.csv."""
     measured = counts.measured or math.nan
     return (
@@ -212,7 +212,7 @@ def _numbers(counts: Drive) -> tuple[float, ...]:
 
 
 def _metrics(
-    cells: list[tuple[str, str]], tallies: Mapping[tuple[str, str], Drive]
+    cells: list[tuple[str, str]], tallies: Mapping[tuple[str, str], IntegrityDrive]
 ) -> dict[str, Metric]:
     metrics = {}
     for name, fault in cells:
@@ -249,7 +249,9 @@ def _findings(cells: list[tuple[str, str]], metrics: Mapping[str, Metric]) -> tu
 
 
 def _draw(
-    grounds: tuple[str, ...], faults: tuple[str, ...], tallies: Mapping[tuple[str, str], Drive]
+    grounds: tuple[str, ...],
+    faults: tuple[str, ...],
+    tallies: Mapping[tuple[str, str], IntegrityDrive],
 ) -> Figure:
     size = (13.0, 0.36 * len(grounds) + 2.6)
     figure, (panels,) = style.panels("", 1, 2, size=size, sharey=True)

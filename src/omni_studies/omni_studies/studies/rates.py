@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from omni_core.configuration import parameter
-from omni_core.quantities import FloatArray
+from omni_core.quantities import CONTROL_PERIOD, FloatArray
 from omni_runs.compiled import run_fast_loop
 from omni_runs.experiment import ExperimentLibrary
 from omni_runs.metrics import Metric
@@ -23,12 +23,11 @@ from omni_studies.campaign.sensor_faults import LAWS
 from omni_studies.study import StudyResult, StudyRun
 from omni_tools.campaign.runner import CampaignOptions, digest
 
-_PERIOD = 0.01  # control period of the stops with which others are compared [s]
 _CONDITIONS: dict[str, tuple[str, float]] = {
-    "imu_50_hz": ("imu.rate=50", _PERIOD),
-    "imu_100_hz": ("imu.rate=100", _PERIOD),
-    "imu_400_hz": ("imu.rate=400", _PERIOD),
-    "imu_1000_hz": ("imu.rate=1000", _PERIOD),
+    "imu_50_hz": ("imu.rate=50", CONTROL_PERIOD),
+    "imu_100_hz": ("imu.rate=100", CONTROL_PERIOD),
+    "imu_400_hz": ("imu.rate=400", CONTROL_PERIOD),
+    "imu_1000_hz": ("imu.rate=1000", CONTROL_PERIOD),
     "period_5_ms": ("simulation.control_period=0.005", 0.005),
     "period_20_ms": ("simulation.control_period=0.02", 0.02),
 }
@@ -85,7 +84,7 @@ def run(options: Options, study: StudyRun) -> StudyResult:
     for i, law in enumerate(LAWS):
         usual = distance[:, i, 0]
         for k, (name, (_, period)) in enumerate(_CONDITIONS.items(), start=1):
-            lost = speed[:, i, k] * max(period - _PERIOD, 0.0) / 2.0
+            lost = speed[:, i, k] * max(period - CONTROL_PERIOD, 0.0) / 2.0
             longer = (distance[:, i, k] - lost - usual) / np.maximum(usual, ALLOWED.shortest)
             turned = rotation[:, i, k] - rotation[:, i, 0]
             metrics |= _metrics(f"{law}_{name}", longer, turned)

@@ -26,7 +26,7 @@ from omni_runs.metrics import Metric
 from omni_runs.options import LoopOptions
 from omni_studies.campaign import random_braking
 from omni_studies.campaign.random_braking import ALLOWED, Outcome
-from omni_studies.campaign.sensor_faults import FaultyStops, Stop, limits, loss_of_twist
+from omni_studies.campaign.sensor_faults import FaultyStops, StopWithFault, limits, loss_of_twist
 from omni_studies.study import StudyResult, StudyRun
 from omni_tools.campaign.runner import CampaignOptions
 
@@ -227,7 +227,7 @@ def _faults(options: _Faults, study: StudyRun) -> StudyResult:
     """Run the stops; write their table, the tables of the worst stops, and a figure."""
     work = FaultyStops(study.experiments, options.changes)
     seeds = range(options.seed, options.seed + options.runs)
-    stops = study.campaign(work, seeds, Stop, options, work.fingerprint)
+    stops = study.campaign(work, seeds, StopWithFault, options, work.fingerprint)
     groups = {
         group: [stop for stop in stops if stop.group == group]
         for group in sorted({stop.group for stop in stops})
@@ -239,13 +239,13 @@ def _faults(options: _Faults, study: StudyRun) -> StudyResult:
     metrics["rotation_after_loss.straight_line"] = Metric(rotation, "deg")
     worst = sorted(stops, key=lambda stop: -stop.distance)[: options.worst]
     worst += sorted(stops, key=lambda stop: -stop.rotation)[: options.worst]
-    study.table("worst.csv", Stop._fields, worst)
+    study.table("worst.csv", StopWithFault._fields, worst)
     study.figure("stops.png", _draw_stops(groups))
     findings = (*map(_finding, groups.values()), f"Loss of the twist: {rotation:.1f} deg")
     return study.result(metrics, *findings)
 
 
-def _fault_metrics(group: str, stops: Sequence[Stop]) -> dict[str, Metric]:
+def _fault_metrics(group: str, stops: Sequence[StopWithFault]) -> dict[str, Metric]:
     limit = limits(stops[0].extent, imu=bool(stops[0].imu))
     counted = [stop for stop in stops if stop.counted]
     rest = 100.0 * sum(stop.rest for stop in counted) / max(len(counted), 1)
@@ -269,7 +269,7 @@ def _fault_metrics(group: str, stops: Sequence[Stop]) -> dict[str, Metric]:
     return metrics
 
 
-def _finding(stops: Sequence[Stop]) -> str:
+def _finding(stops: Sequence[StopWithFault]) -> str:
     worst = max(stops, key=lambda stop: (stop.counted, 1 - stop.rest, stop.distance))
     rest = sum(stop.rest for stop in stops if stop.counted)
     return (
@@ -279,7 +279,7 @@ def _finding(stops: Sequence[Stop]) -> str:
     )
 
 
-def _draw_stops(groups: dict[str, list[Stop]]) -> Figure:
+def _draw_stops(groups: dict[str, list[StopWithFault]]) -> Figure:
     """Draw distance and rotation of all stops, one panel for each group.
 
     A channel has the same color in all panels.

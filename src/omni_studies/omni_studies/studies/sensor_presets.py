@@ -32,7 +32,7 @@ from omni_studies import line_options
 from omni_studies.line_trials import view_grid
 from omni_studies.study import StudyResult, StudyRun
 from omni_tools.line_trials.rig import Rig, View
-from omni_tools.line_trials.trials import Matches, Motion, drive, measure
+from omni_tools.line_trials.trials import Matches, ViewMotion, drive, measure
 from omni_tools.placement.mounting_area import tangential
 
 _RADIUS = 0.6  # radius of the circle on which the cameras are mounted tangentially [m]
@@ -152,9 +152,9 @@ def _usable(matches: Matches) -> Metric:
     return Metric(float(np.mean(matches.usable)), "1", note="of pairs at 60 % overlap")
 
 
-def _motions(sensor: LineSensor, speeds: FloatArray) -> list[Motion]:
+def _motions(sensor: LineSensor, speeds: FloatArray) -> list[ViewMotion]:
     angle = view_grid.MOTION.angle
-    return [Motion(View.of(sensor), float(speed), angle) for speed in speeds]
+    return [ViewMotion(View.of(sensor), float(speed), angle) for speed in speeds]
 
 
 def _move(

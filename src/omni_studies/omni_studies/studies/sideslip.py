@@ -153,7 +153,7 @@ _SENSORS = ("generic", "s3901")
 _SPEEDS = (1.0, 2.0, 5.0, 10.0, 20.0, 40.0, 80.0, 120.0)  # [m/s]
 _ANGLES = np.radians(np.arange(-15.0, 15.1, 2.5))
 
-Case = tuple[str, str]  # ground, sensor
+SideslipCase = tuple[str, str]  # ground, sensor
 
 
 class Options(line_options.TextureOptions):
@@ -172,7 +172,7 @@ def run(options: Options, study: StudyRun) -> StudyResult:
     """Simulate the wheel at every angle and speed; write figure, data and metrics."""
     grounds = line_options.grounds_of(options, study.experiments)
     cameras = {name: _camera(study.experiments, name) for name in options.sensors}
-    trials: dict[Case, list[Angles]] = {}
+    trials: dict[SideslipCase, list[Angles]] = {}
     for ground, texture in grounds.items():
         for name, camera in cameras.items():
             wheel = RollingWheel(camera, texture, options.noise, options.seed)
@@ -199,7 +199,7 @@ def _camera(library: ExperimentLibrary, name: str) -> LineSensor:
     return camera
 
 
-def _metrics(trials: Mapping[Case, Sequence[Angles]], slipping: float) -> dict[str, Metric]:
+def _metrics(trials: Mapping[SideslipCase, Sequence[Angles]], slipping: float) -> dict[str, Metric]:
     metrics: dict[str, Metric] = {}
     slip = f"wheel slip of {100.0 * (1.0 - slipping):g} %"
     for (ground, name), found in trials.items():
@@ -219,7 +219,7 @@ _MARKERS = ("o", "s", "^", "D")
 
 
 def draw_sideslip(
-    trials: Mapping[Case, Sequence[Angles]], fastest: Mapping[str, float], slipping: float
+    trials: Mapping[SideslipCase, Sequence[Angles]], fastest: Mapping[str, float], slipping: float
 ) -> Figure:
     """Draw RMS errors versus speed and, at one speed, errors versus the true angle.
 
@@ -249,7 +249,7 @@ def draw_sideslip(
 
 
 def _draw_speeds(
-    axes: Axes, trials: Mapping[Case, Sequence[Angles]], fastest: Mapping[str, float]
+    axes: Axes, trials: Mapping[SideslipCase, Sequence[Angles]], fastest: Mapping[str, float]
 ) -> None:
     axes.set_xscale("log")
     axes.set_yscale("log")
@@ -272,7 +272,7 @@ def _draw_speeds(
     axes.set_ylabel("RMS error [deg]")
 
 
-def _looks(trials: Mapping[Case, Sequence[Angles]]) -> dict[Case, dict[str, Any]]:
+def _looks(trials: Mapping[SideslipCase, Sequence[Angles]]) -> dict[SideslipCase, dict[str, Any]]:
     """Return the style of each curve: color of its ground, marker of its sensor, and label."""
     grounds = list(dict.fromkeys(ground for ground, _ in trials))
     sensors = list(dict.fromkeys(sensor for _, sensor in trials))
@@ -286,7 +286,7 @@ def _looks(trials: Mapping[Case, Sequence[Angles]]) -> dict[Case, dict[str, Any]
     }
 
 
-def _draw_angles(axes: Axes, trials: Mapping[Case, Sequence[Angles]], speed: float) -> None:
+def _draw_angles(axes: Axes, trials: Mapping[SideslipCase, Sequence[Angles]], speed: float) -> None:
     width = 0.9 / len(trials)
     for i, (case, look) in enumerate(_looks(trials).items()):
         angles = min(trials[case], key=lambda a: abs(a.speed - speed))

@@ -244,7 +244,7 @@ def stopping_distance_change(vehicle: VehicleConfiguration, speed: float = 4.0) 
     changes = []
     for direction in _DIRECTIONS:
         twist = (*(speed * direction), 0.0)
-        trial = trials.Trial("stop", twist=twist, pedal=1.0, duration=4.0)
+        trial = trials.WheelTrial("stop", twist=twist, pedal=1.0, duration=4.0)
         whole, half = (
             trials.stopping_distance(vehicle, trial, step)
             for step in (DEFAULT_PHYSICS_STEP, 0.5 * DEFAULT_PHYSICS_STEP)
@@ -266,7 +266,7 @@ def slope_creep(vehicle: VehicleConfiguration, slope: float) -> tuple[float, flo
         Initial deflection of the tires [m], and displacement in the following minute [m].
     """
     pushes = math.sin(math.atan(slope)) * _DIRECTIONS
-    parked = [trials.Trial("slope", pedal=1.0, push=tuple(push)) for push in pushes]
+    parked = [trials.WheelTrial("slope", pedal=1.0, push=tuple(push)) for push in pushes]
     give, creep = np.max([trials.movement(vehicle, one, _SETTLING) for one in parked], axis=0)
     return float(give), float(creep)
 
@@ -278,7 +278,7 @@ def creep_after_stop(vehicle: VehicleConfiguration, speed: float = 4.0) -> float
     after the start of braking from `speed` [m/s].
     """
     twists = [(*(speed * direction), 0.3) for direction in _DIRECTIONS]
-    stops = [trials.Trial("stop", twist=twist, pedal=1.0) for twist in twists]
+    stops = [trials.WheelTrial("stop", twist=twist, pedal=1.0) for twist in twists]
     return max(trials.movement(vehicle, stop, 6.0)[1] for stop in stops)
 
 

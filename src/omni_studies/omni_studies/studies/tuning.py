@@ -26,7 +26,7 @@ from omni_runs.metrics import Metric
 from omni_runs.options import LoopOptions
 from omni_studies.study import StudyResult, StudyRun
 from omni_studies.tuning import trials
-from omni_studies.tuning.trials import OFF, BrakeLag, Setting, Trial, distance_at, front
+from omni_studies.tuning.trials import OFF, BrakeLag, Setting, TuningTrial, distance_at, front
 from omni_tools.campaign.runner import CampaignOptions
 
 _QUANTITIES = (
@@ -90,7 +90,7 @@ def run(options: Options, study: StudyRun) -> StudyResult:
         for case, trial in {"unassisted": unassisted[0], **named}.items()
     }
     limits = options.max_rotation, options.max_distance
-    choice: Trial | None = None
+    choice: TuningTrial | None = None
     findings = []
     if any(limit is not None for limit in limits):
         choice, sentence = trials.recommended(mine, *limits)
@@ -125,7 +125,7 @@ def _settings(ks: Sequence[int], dwells: Sequence[float]) -> tuple[Setting, ...]
 
 
 def _settings_table(
-    trials: Sequence[Trial], best: Sequence[Trial]
+    trials: Sequence[TuningTrial], best: Sequence[TuningTrial]
 ) -> tuple[Sequence[str], list[tuple[Any, ...]]]:
     """Return header and rows of the table of settings."""
     header = (
@@ -163,9 +163,9 @@ _CHOSEN: dict[str, Any] = {
 
 
 def trade_off(
-    trials: Sequence[Trial],
-    unassisted: Sequence[Trial],
-    choice: Trial | None,
+    trials: Sequence[TuningTrial],
+    unassisted: Sequence[TuningTrial],
+    choice: TuningTrial | None,
     limits: tuple[float | None, float | None],
     title: str,
 ) -> Figure:
@@ -197,7 +197,7 @@ def trade_off(
     return figure
 
 
-def _draw_settings(axes: Axes, trials: Sequence[Trial]) -> None:
+def _draw_settings(axes: Axes, trials: Sequence[TuningTrial]) -> None:
     """Draw the results of all settings for one brake lag.
 
     A line connects the results with the same dwell time; the wide line marks the best settings.
@@ -218,7 +218,9 @@ def _draw_settings(axes: Axes, trials: Sequence[Trial]) -> None:
         style.note(axes, words, place, (-3, -5), ha="right", va="top", rotation=45)
 
 
-def _labels(best: Sequence[Trial], spans: Sequence[float]) -> list[tuple[str, tuple[float, float]]]:
+def _labels(
+    best: Sequence[TuningTrial], spans: Sequence[float]
+) -> list[tuple[str, tuple[float, float]]]:
     """Return the label of each weighting and its place; labels of near points are joined.
 
     Args:
@@ -261,7 +263,9 @@ class Cost(NamedTuple):
     distance: float
 
     @classmethod
-    def of(cls, lag: BrakeLag, dwell_time: float, trials: Sequence[Trial], half: float) -> Cost:
+    def of(
+        cls, lag: BrakeLag, dwell_time: float, trials: Sequence[TuningTrial], half: float
+    ) -> Cost:
         """Return the best results with one brake lag and one dwell time.
 
         Args:
@@ -298,15 +302,15 @@ def _words(lag: BrakeLag) -> str:
     return f"dead time {1e3 * lag.dead_time:g} ms, time constant {1e3 * lag.time_constant:g} ms"
 
 
-def _weighting(trial: Trial) -> str:
+def _weighting(trial: TuningTrial) -> str:
     setting = trial.setting
     symbols = {"zero": r"$\psi = 0$", "cosine": r"$\cos\delta$"}
     return symbols.get(setting.weighting, f"k = {setting.k}")
 
 
-def _place(trial: Trial) -> tuple[float, float]:
+def _place(trial: TuningTrial) -> tuple[float, float]:
     return trial.worst_distance, trial.worst_rotation
 
 
-def _places(trials: Sequence[Trial]) -> tuple[list[float], list[float]]:
+def _places(trials: Sequence[TuningTrial]) -> tuple[list[float], list[float]]:
     return [t.worst_distance for t in trials], [t.worst_rotation for t in trials]

@@ -53,7 +53,7 @@ _MODELS = {
 _COUNTS = (6, 8, 12, 16, 24)
 _COMPARED = 12  # number of rollers per wheel in figures and metrics
 # Parked on a slope of 5 %, in a direction that is no axis of symmetry.
-_SLOPE = trials.Trial("slope", pedal=1.0, push=(0.05 * math.cos(0.4), 0.05 * math.sin(0.4)))
+_SLOPE = trials.WheelTrial("slope", pedal=1.0, push=(0.05 * math.cos(0.4), 0.05 * math.sin(0.4)))
 _COSTED = 6  # number of rollers per wheel for the computing time, as in section 2.4.1
 # Styles of the wheel models in a figure. The first one, the reference, is dashed and
 # drawn over the others.

@@ -79,7 +79,7 @@ class BrakeLag:
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Trial:
+class TuningTrial:
     """Results of one setting with one brake lag in S situations.
 
     Attributes:
@@ -213,22 +213,22 @@ class Trials:
             return Numbers(number, math.inf, math.inf, switchings)
         return Numbers(number, run.orientation_change, run.stopping_distance, switchings)
 
-    def collected(self, rows: Sequence[Numbers]) -> tuple[Trial, ...]:
+    def collected(self, rows: Sequence[Numbers]) -> tuple[TuningTrial, ...]:
         """Return a trial for each of the `pairs`, from the results of all runs."""
         table = np.array([row[1:] for row in rows]).reshape(-1, len(self.bases), 3)
         return tuple(
-            Trial(*pair, *numbers.T) for pair, numbers in zip(self.pairs, table, strict=True)
+            TuningTrial(*pair, *numbers.T) for pair, numbers in zip(self.pairs, table, strict=True)
         )
 
 
-def front(trials: Iterable[Trial]) -> tuple[Trial, ...]:
+def front(trials: Iterable[TuningTrial]) -> tuple[TuningTrial, ...]:
     """Return the trials on the Pareto front of worst rotation and worst distance.
 
     Returns:
         Trials sorted by distance, with decreasing rotation; trials in which the vehicle does not
         stop are omitted.
     """
-    best: list[Trial] = []
+    best: list[TuningTrial] = []
     for trial in sorted(trials, key=lambda t: (t.worst_distance, t.worst_rotation)):
         stops = math.isfinite(trial.worst_distance)
         if stops and (not best or trial.worst_rotation < best[-1].worst_rotation):
@@ -236,7 +236,7 @@ def front(trials: Iterable[Trial]) -> tuple[Trial, ...]:
     return tuple(best)
 
 
-def distance_at(trials: Iterable[Trial], rotation: float) -> float:
+def distance_at(trials: Iterable[TuningTrial], rotation: float) -> float:
     """Return the stopping distance for a limit on the change of orientation.
 
     Args:
@@ -254,11 +254,11 @@ def distance_at(trials: Iterable[Trial], rotation: float) -> float:
 
 
 def recommended(
-    trials: Sequence[Trial],
+    trials: Sequence[TuningTrial],
     max_rotation: float | None,
     max_distance: float | None,
     equal: float = 0.01,
-) -> tuple[Trial | None, str]:
+) -> tuple[TuningTrial | None, str]:
     """Choose a setting that meets the limits in every situation.
 
     If the rotation is limited, the setting with the shortest stop is chosen, otherwise the setting
@@ -276,10 +276,10 @@ def recommended(
     """
     rotation, distance = max_rotation or math.inf, max_distance or math.inf
 
-    def excess(trial: Trial) -> float:
+    def excess(trial: TuningTrial) -> float:
         return max(trial.worst_rotation / rotation, trial.worst_distance / distance)
 
-    def price(trial: Trial) -> float:
+    def price(trial: TuningTrial) -> float:
         return trial.worst_rotation if max_rotation is None else trial.worst_distance
 
     words = (
@@ -309,5 +309,5 @@ def recommended(
     )
 
 
-def _numbers(trial: Trial) -> str:
+def _numbers(trial: TuningTrial) -> str:
     return f"{trial.worst_rotation:.1f} deg and {trial.worst_distance:.2f} m"

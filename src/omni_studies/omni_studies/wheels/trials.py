@@ -17,7 +17,7 @@ SINGLE, CONTACT, ROLLERS = "single", "roller_contact", "rollers"
 
 
 @dataclasses.dataclass(frozen=True)
-class Trial:
+class WheelTrial:
     """Initial motion and inputs of a vehicle, which is simulated with several wheel models.
 
     Attributes:
@@ -41,16 +41,16 @@ class Trial:
 
 
 TRIALS = {
-    "drive": Trial("Drive forward to 2 m/s", command=(2.0, 0.0, 0.0), duration=1.5),
-    "drive_sideways": Trial("Drive sideways to 2 m/s", command=(0.0, 2.0, 0.0), duration=1.5),
-    "brake": Trial("Full braking from 5 m/s", twist=(5.0, 0.0, 0.0), pedal=1.0),
-    "brake_gently": Trial(
+    "drive": WheelTrial("Drive forward to 2 m/s", command=(2.0, 0.0, 0.0), duration=1.5),
+    "drive_sideways": WheelTrial("Drive sideways to 2 m/s", command=(0.0, 2.0, 0.0), duration=1.5),
+    "brake": WheelTrial("Full braking from 5 m/s", twist=(5.0, 0.0, 0.0), pedal=1.0),
+    "brake_gently": WheelTrial(
         "Partial braking (15 % pedal) from 5 m/s", twist=(5.0, 0.0, 0.0), pedal=0.15, duration=1.5
     ),
-    "push": Trial(
+    "push": WheelTrial(
         "Pushed sideways, wheels free", pedal=0.1, released=True, push=(0.0, 0.15), duration=2.0
     ),
-    "push_braked": Trial(
+    "push_braked": WheelTrial(
         "Pushed sideways, wheels locked", pedal=1.0, push=(0.0, 1.5), duration=1.0
     ),
 }
@@ -96,7 +96,7 @@ def with_wheels(
 
 def start(
     configuration: VehicleConfiguration,
-    trial: Trial,
+    trial: WheelTrial,
     wheel_angle: FloatArray | float = 0.0,
     physics_step: float = DEFAULT_PHYSICS_STEP,
 ) -> Vehicle:
@@ -115,7 +115,7 @@ def start(
     return vehicle
 
 
-def advance(vehicle: Vehicle, trial: Trial, duration: float) -> FloatArray:
+def advance(vehicle: Vehicle, trial: WheelTrial, duration: float) -> FloatArray:
     """Advance a vehicle by a duration [s] with the inputs of a trial.
 
     Returns:
@@ -127,7 +127,7 @@ def advance(vehicle: Vehicle, trial: Trial, duration: float) -> FloatArray:
 
 
 def outcome(
-    configuration: VehicleConfiguration, trial: Trial, angles: FloatArray, thinning: int = 10
+    configuration: VehicleConfiguration, trial: WheelTrial, angles: FloatArray, thinning: int = 10
 ) -> Outcome:
     """Run a trial from several initial wheel angles.
 
@@ -189,7 +189,7 @@ def start_angles(starts: int, wheels: int, seed: int) -> FloatArray:
 
 def stopping_distance(
     configuration: VehicleConfiguration,
-    trial: Trial,
+    trial: WheelTrial,
     physics_step: float,
     wheel_angle: FloatArray | float = 0.0,
 ) -> float:
@@ -203,7 +203,7 @@ def stopping_distance(
 
 def movement(
     configuration: VehicleConfiguration,
-    trial: Trial,
+    trial: WheelTrial,
     settling: float,
     wheel_angle: FloatArray | float = 0.0,
 ) -> tuple[float, float]:
@@ -241,7 +241,7 @@ def force_trace(
         Angle of the wheel [rad], shape (T,), and its force on the vehicle in the body frame [N],
         shape (T, 2).
     """
-    trial = Trial(
+    trial = WheelTrial(
         "pull", twist=(1.0, 0.0, 0.0), command=(1.0, 0.0, 0.0), push=(-0.2, 0.0), duration=2.0
     )
     vehicle = start(configuration, trial)

@@ -8,8 +8,8 @@ import pytest
 from omni_runs.compiled import run_fast_loop
 from omni_runs.experiment import ExperimentLibrary
 from omni_studies.campaign.sensor_faults import (
-    Fault,
     FaultyStops,
+    SensorFault,
     Setting,
     limits,
     loss_of_twist,
@@ -57,7 +57,7 @@ def test_a_sensor_fault_makes_no_stop_worse(
 ) -> None:
     stop = stops.run(
         Setting("sliding_mode", imu, "straight_line"),
-        Fault(channel, kind, axis, 0.3, amplitude, 0.3),
+        SensorFault(channel, kind, axis, 0.3, amplitude, 0.3),
     )
     assert stop.rest
     assert stop.distance <= bound(limits("single", imu=imu).distance)
@@ -85,7 +85,8 @@ def test_a_twist_that_turns_otherwise_does_not_isolate_the_gyro(
     period: float,
 ) -> None:
     stop = stops.run(
-        Setting("sliding_mode", True, case), Fault("twist", kind, axis, onset, amplitude, period)
+        Setting("sliding_mode", True, case),
+        SensorFault("twist", kind, axis, onset, amplitude, period),
     )
     assert stop.rest
     assert stop.distance <= DISTANCE
@@ -116,7 +117,7 @@ def test_an_imu_fault_makes_no_stop_worse(
 ) -> None:
     for onset in (0.05, 0.4):
         axis = 0 if channel == "gyro" else -1
-        fault = Fault(channel, kind, axis, onset, amplitude, 0.3)
+        fault = SensorFault(channel, kind, axis, onset, amplitude, 0.3)
         stop = stops.run(Setting("sliding_mode", True, "straight_line"), fault)
         assert stop.rest
         assert stop.distance <= DISTANCE
@@ -126,7 +127,7 @@ def test_an_imu_fault_makes_no_stop_worse(
 def test_a_gyro_fault_just_before_the_pedal_is_no_offset_of_the_twist(
     stops: FaultyStops,
 ) -> None:
-    fault = Fault("gyro", "offset", 0, -0.03, 1.05, 0.17)
+    fault = SensorFault("gyro", "offset", 0, -0.03, 1.05, 0.17)
     stop = stops.run(Setting("sliding_mode", True, "turn_while_translate"), fault)
     assert stop.rest
     assert stop.distance <= 1.05
@@ -142,16 +143,16 @@ def test_a_gyro_fault_just_before_the_pedal_is_no_offset_of_the_twist(
 @pytest.mark.parametrize(
     ("case", "fault"),
     [
-        ("slippery", Fault("accelerometer", "sign", 1, -0.19, 0.0, 0.1)),
-        ("table_2", Fault("accelerometer", "sine", -1, -0.07, 6.6, 0.2)),
-        ("turn_while_translate", Fault("encoder", "stuck", 1, -0.06, 0.0, 0.1)),
-        ("slippery", Fault("encoder", "drift", 0, 0.08, 3.6, 0.1)),
-        ("diagonal", Fault("twist", "scale", 1, -0.18, -1.327, 0.1)),  # as the line is stored
-        ("six_wheels", Fault("twist", "swap", 0, -0.2, 0.0, 0.1)),
+        ("slippery", SensorFault("accelerometer", "sign", 1, -0.19, 0.0, 0.1)),
+        ("table_2", SensorFault("accelerometer", "sine", -1, -0.07, 6.6, 0.2)),
+        ("turn_while_translate", SensorFault("encoder", "stuck", 1, -0.06, 0.0, 0.1)),
+        ("slippery", SensorFault("encoder", "drift", 0, 0.08, 3.6, 0.1)),
+        ("diagonal", SensorFault("twist", "scale", 1, -0.18, -1.327, 0.1)),  # as the line is stored
+        ("six_wheels", SensorFault("twist", "swap", 0, -0.2, 0.0, 0.1)),
     ],
 )
 def test_a_fault_too_small_to_detect_has_little_effect(
-    stops: FaultyStops, case: str, fault: Fault
+    stops: FaultyStops, case: str, fault: SensorFault
 ) -> None:
     stop = stops.run(Setting("sliding_mode", True, case), fault)
     assert stop.rest
@@ -162,12 +163,12 @@ def test_a_fault_too_small_to_detect_has_little_effect(
 @pytest.mark.parametrize(
     ("case", "fault"),
     [
-        ("turn_while_translate", Fault("twist", "ramp", 0, -0.14, -3.212, 0.1)),
-        ("table_2", Fault("twist", "stuck_noise", -1, 0.92, 0.0, 0.1)),
+        ("turn_while_translate", SensorFault("twist", "ramp", 0, -0.14, -3.212, 0.1)),
+        ("table_2", SensorFault("twist", "stuck_noise", -1, 0.92, 0.0, 0.1)),
     ],
 )
 def test_without_an_imu_a_twist_that_loses_no_speed_is_found(
-    stops: FaultyStops, case: str, fault: Fault
+    stops: FaultyStops, case: str, fault: SensorFault
 ) -> None:
     stop = stops.run(Setting("sliding_mode", False, case), fault)
     assert stop.rest
@@ -183,14 +184,14 @@ def test_without_an_imu_a_twist_that_loses_no_speed_is_found(
 @pytest.mark.parametrize(
     ("law", "case", "fault"),
     [
-        ("sliding_mode", "slippery", Fault("twist", "stuck", 2, 0.68, -0.049, 0.21)),
-        ("sliding_mode", "slippery", Fault("twist", "scale", 2, 0.77, -1.042, 0.49)),
-        ("sliding_mode", "straight_line", Fault("twist", "zero", 2, 0.78, 0.41, 0.43)),
-        ("allocation", "straight_line", Fault("twist", "stuck_noise", 2, -1.31, -0.09, 0.09)),
+        ("sliding_mode", "slippery", SensorFault("twist", "stuck", 2, 0.68, -0.049, 0.21)),
+        ("sliding_mode", "slippery", SensorFault("twist", "scale", 2, 0.77, -1.042, 0.49)),
+        ("sliding_mode", "straight_line", SensorFault("twist", "zero", 2, 0.78, 0.41, 0.43)),
+        ("allocation", "straight_line", SensorFault("twist", "stuck_noise", 2, -1.31, -0.09, 0.09)),
     ],
 )
 def test_without_an_imu_rolling_wheels_show_a_faulty_yaw_rate(
-    stops: FaultyStops, law: str, case: str, fault: Fault
+    stops: FaultyStops, law: str, case: str, fault: SensorFault
 ) -> None:
     stop = stops.run(Setting(law, False, case), fault)
     assert stop.distance <= BLIND_DISTANCE
@@ -224,7 +225,7 @@ def test_a_jump_across_a_gap_without_messages_is_still_detected(
 ) -> None:
     """The gate rejects a twist that jumps, unless the last valid twist is too old."""
     stop = stops.run(
-        Setting("sliding_mode", True, case), Fault("twist", "swap", -1, onset, 0.0, 0.3)
+        Setting("sliding_mode", True, case), SensorFault("twist", "swap", -1, onset, 0.0, 0.3)
     )
     assert stop.rest
     assert stop.distance <= DISTANCE  # 1.41 if the twist changes the biases
@@ -234,7 +235,7 @@ def test_a_jump_across_a_gap_without_messages_is_still_detected(
 def test_disputes_that_come_and_go_are_settled() -> None:
     setting = ("maneuver.speed=2.34", "maneuver.direction_deg=174.1", "maneuver.yaw_rate_deg=24.3")
     stops = FaultyStops(LIBRARY, (*setting, "ground.friction=0.48"))
-    fault = Fault("twist", "sine", 1, 0.1, -0.389, 0.5)
+    fault = SensorFault("twist", "sine", 1, 0.1, -0.389, 0.5)
     assert stops.run(Setting("sliding_mode", True, "straight_line"), fault).distance <= DISTANCE
 
 
@@ -326,7 +327,7 @@ def test_a_configured_delay_hardly_changes_a_stop(
 def test_a_shared_scale_error_puts_all_brakes_on(
     stops: FaultyStops, law: str, scale: float
 ) -> None:
-    fault = Fault("encoder+twist", "scale", -1, 0.0, scale, 0.1)
+    fault = SensorFault("encoder+twist", "scale", -1, 0.0, scale, 0.1)
     stop = stops.run(Setting(law, True, "straight_line"), fault)
     assert stop.rest
     assert stop.distance <= bound(limits("pair", imu=True).distance)
@@ -340,7 +341,7 @@ def test_all_brakes_act_from_the_onset_of_a_brake_fault(stops: FaultyStops, imu:
     """
     setting = Setting("sliding_mode", imu, "straight_line")
     before, during, after = (
-        stops.run(setting, Fault("brake", "brake", 1, onset, 0.0, 0.1))
+        stops.run(setting, SensorFault("brake", "brake", 1, onset, 0.0, 0.1))
         for onset in (-9.0, 0.5, 9.0)
     )
     assert before.all_on_rotation == pytest.approx(0.0, abs=0.1)

@@ -10,13 +10,13 @@ import pytest
 from omni_core.commands.command_options import parse_options
 from omni_runs.experiment import ExperimentLibrary
 from omni_runs.metrics import Metric
-from omni_studies.line_trials.integrity_trials import FAULTS, Ground, Motion, Tally, drive_over
+from omni_studies.line_trials.integrity_trials import FAULTS, Ground, PathMotion, Tally, drive_over
 from omni_studies.studies import integrity
 from omni_studies.study import StudyRun
 
 CONFIG = Path(__file__).parents[4] / "config"
 
-MOTIONS = (Motion((6.0, 0.0, 0.2)), Motion((0.5, 0.1, 0.0)))
+MOTIONS = (PathMotion((6.0, 0.0, 0.2)), PathMotion((0.5, 0.1, 0.0)))
 
 
 @pytest.fixture(scope="module")
@@ -34,7 +34,7 @@ def test_a_fixed_pattern_is_not_taken_for_the_ground(fault: str, tallies: dict[s
 
 
 def test_steps_of_the_dark_signal_do_not_bias_fast_motion_over_a_faint_ground() -> None:
-    motions = (Motion((8.0, 0.0, 0.3), -1.0), Motion((5.0, 0.0, 0.0), -1.5))
+    motions = (PathMotion((8.0, 0.0, 0.3), -1.0), PathMotion((5.0, 0.0, 0.0), -1.5))
     ground = Ground("brick", texels=2048)
     tally = drive_over(ground, {"steps": FAULTS["dark_steps"]}, range(2), 9, 1, motions)["steps"]
     assert not tally.undetected.any()
@@ -42,7 +42,7 @@ def test_steps_of_the_dark_signal_do_not_bias_fast_motion_over_a_faint_ground() 
 
 
 def test_slow_motion_across_an_axis_over_a_smooth_ground_is_measured() -> None:
-    ground, motions = Ground("brick", texels=2048), (Motion((0.05, 0.0, 0.0)),)
+    ground, motions = Ground("brick", texels=2048), (PathMotion((0.05, 0.0, 0.0)),)
     tally = drive_over(ground, {"none": FAULTS["none"]}, range(4), 9, 1, motions)["none"]
     assert not tally.undetected.any()
     assert float(np.mean(np.isfinite(tally.ratio))) > 0.4

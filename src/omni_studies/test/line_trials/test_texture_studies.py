@@ -16,7 +16,7 @@ from omni_sim.texture.texture import GroundTexture, TextureConfiguration, genera
 from omni_studies.line_trials.view_grid import GROUP, MOTION
 from omni_studies.study import StudyRun, load_study
 from omni_tools.line_trials.rig import View
-from omni_tools.line_trials.trials import Matches, Motion, measure
+from omni_tools.line_trials.trials import Matches, ViewMotion, measure
 
 CONFIG = Path(__file__).resolve().parents[4] / "config"
 VIEW = View(256, 0.05, 0.02, 2500.0)
@@ -29,7 +29,7 @@ def ground(kind: str) -> GroundTexture:
 def move(
     kind: str, speed: float, angle: float = MOTION.angle, axis: float = 0.0, noise: float = 1.0
 ) -> Matches:
-    motions = [Motion(VIEW, speed, angle, axis)]
+    motions = [ViewMotion(VIEW, speed, angle, axis)]
     return measure(motions, ground(kind), GROUP, noise, seed=1, runs=2)[0]
 
 

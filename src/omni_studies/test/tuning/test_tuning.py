@@ -17,8 +17,8 @@ from omni_studies.tuning.trials import (
     OFF,
     BrakeLag,
     Setting,
-    Trial,
     Trials,
+    TuningTrial,
     configured,
     distance_at,
     front,
@@ -30,26 +30,26 @@ LIBRARY = ExperimentLibrary(Path(__file__).resolve().parents[4] / "config")
 BLIND = ("simulation.render_lines=false", "feedback=velocity_sensor")
 
 
-def trial(rotation: float, distance: float, switchings: float = 10.0, k: int = 7) -> Trial:
+def trial(rotation: float, distance: float, switchings: float = 10.0, k: int = 7) -> TuningTrial:
     numbers = (np.array([0.9 * x, x]) for x in (rotation, distance, switchings))
-    return Trial(Setting("enhanced", k), BrakeLag(), *numbers)
+    return TuningTrial(Setting("enhanced", k), BrakeLag(), *numbers)
 
 
 @pytest.fixture
-def cloud() -> list[Trial]:
+def cloud() -> list[TuningTrial]:
     """Random trials, of which one does not stop."""
     random = np.random.default_rng(2)
     points = random.uniform((5.0, 8.0, 10.0), (90.0, 14.0, 300.0), (60, 3))
     return [trial(*point) for point in points.tolist()] + [trial(math.inf, math.inf)]
 
 
-def beats(one: Trial, other: Trial) -> bool:
+def beats(one: TuningTrial, other: TuningTrial) -> bool:
     return (
         one.worst_rotation < other.worst_rotation and one.worst_distance <= other.worst_distance
     ) or (one.worst_rotation <= other.worst_rotation and one.worst_distance < other.worst_distance)
 
 
-def test_front_is_what_nothing_beats(cloud: list[Trial]) -> None:
+def test_front_is_what_nothing_beats(cloud: list[TuningTrial]) -> None:
     expected = {id(one) for one in cloud if not any(beats(other, one) for other in cloud)}
     best = front(cloud)
     assert {id(one) for one in best} == expected
@@ -65,7 +65,7 @@ def test_distance_between_two_settings_is_interpolated() -> None:
 
 @pytest.mark.parametrize(("rotation", "distance"), [(40.0, None), (None, 11.0), (60.0, 12.0)])
 def test_choice_is_within_the_limits_and_the_best_there(
-    cloud: list[Trial], rotation: float | None, distance: float | None
+    cloud: list[TuningTrial], rotation: float | None, distance: float | None
 ) -> None:
     choice, sentence = recommended(cloud, rotation, distance)
     assert choice is not None

@@ -7,7 +7,7 @@ import numpy as np
 
 from omni_core import brakes, configuration, quantities, topics
 from omni_recording.folder import open_vehicle
-from omni_runs.recorded_run import Stream, demand, measured_twist, ordered, read_streams
+from omni_runs.recorded_run import Stream, measured_twist, ordered, read_streams, values_of
 
 _WHEELS, _PEDAL, _ENABLE = topics.WHEEL_STATES.name, topics.PEDAL.name, topics.ENABLE.name
 _TWISTS = (topics.TWIST, topics.VELOCITY_SENSOR, topics.GROUND_TRUTH)
@@ -75,13 +75,14 @@ def read_brake_data(
     inside = (time >= seconds(twists)[measured][0]) & (time <= seconds(twists)[measured][-1])
     time = time[inside]
     twist = [np.interp(time, seconds(twists)[measured], column) for column in moved[measured].T]
-    command_time, command = seconds(pedal), np.array([demand(m) for m in pedal.messages])
+    demands = [values_of(m, "pedal", ()) for m in pedal.messages]
+    command_time, command = seconds(pedal), np.array(demands)
     if not np.all(np.isfinite(command)):
         raise BrakeDataError(f"{folder}: a message on {_PEDAL} has no finite demand")
     shares = np.ones((len(command), len(wheel_names)))
     if _ENABLE in streams:
         enable = by_wheel(streams[_ENABLE], "effort")
-        if brake.kind == brakes.ON_OFF:
+        if brake.is_switched:
             enable = (enable >= 0.5).astype(np.float64)
         # An enable is combined with the pedal of the same stamp. Before the first enable, all
         # brakes are on.

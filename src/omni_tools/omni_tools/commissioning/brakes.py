@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 import scipy
 
-from omni_core.brakes import ON_OFF, VELOCITY, BrakeConfiguration
+from omni_core.brakes import BrakeConfiguration
 from omni_core.kinematics import PlatformKinematics
 from omni_core.quantities import BoolArray, FloatArray, IntArray
 from omni_sim.vehicle.configuration import VehicleConfiguration
@@ -100,11 +100,11 @@ class Response(NamedTuple):
         For velocity drives, this is the torque of the ground. For all other brakes, it is the
         torque of the brake.
         """
-        return self.slip if self.brake.kind == VELOCITY else self.torque
+        return self.slip if self.brake.is_ramped else self.torque
 
     def predicted(self) -> FloatArray:
         """Return the torque that `measured` should equal, given the demands [N m], shape (T, N)."""
-        return self._slip_of_command() if self.brake.kind == VELOCITY else self.action()
+        return self._slip_of_command() if self.brake.is_ramped else self.action()
 
     def _slip_of_command(self) -> FloatArray:
         """Return the torque of the ground on wheels that follow their speed commands [N m], (T, N).
@@ -161,7 +161,7 @@ def _acting(demand: FloatArray, period: float, brake: BrakeConfiguration) -> Flo
         brake: brake as described in the vehicle's file, which gives delays and lag.
     """
     applied, released = (round(time / period) for time in (brake.dead_time, brake.release_time))
-    if brake.kind == ON_OFF:
+    if brake.is_switched:
         demand = np.round(demand)
     # A brake with a release delay follows the largest demand within this delay.
     later = [

@@ -14,10 +14,10 @@ from scipy.ndimage import uniform_filter1d
 
 from omni_core import configuration, quantities, topics
 from omni_recording.folder import open_vehicle
-from omni_runs.recorded_run import Stream, demand, measured_twist, read_streams
+from omni_runs.recorded_run import Stream, measured_twist, read_streams, values_of
 
 MOTIONS = ("forward", "left", "counter-clockwise")
-TOPICS = (topics.WHEEL_STATES, topics.PEDAL, topics.ENABLE, topics.TWIST, topics.IMU)
+TOPICS = tuple(one for one in topics.OF_REAL_VEHICLE if one != topics.DIAGNOSTICS)
 """Topics that are read from a recording; wheel speeds and pedal are required."""
 
 _WHEELS, _PEDAL, _ENABLE, _TWIST, _IMU = (topic.name for topic in TOPICS)
@@ -28,7 +28,6 @@ _SHORTEST = 0.3
 _LARGEST = 1e6
 """Magnitude at or above which a reading counts as missing [unit of its topic]."""
 
-_PERIOD = 0.01  # period of the rows [s]
 # Speed above which a wheel counts as moving, and minimum peak speed of a motion, both as a share
 # of the largest speed [1].
 _MOVES = (0.01, 0.03)
@@ -115,7 +114,9 @@ def signals_of(streams: Mapping[str, Stream], wheels: Sequence[str]) -> Signals:
     streams = {topic.name: streams.get(topic.name, nothing) for topic in TOPICS}
     states = streams[_WHEELS]
     _check_completeness(states, wheels)
-    time = np.arange(states.stamp_ns[0], states.stamp_ns[-1], round(_PERIOD * 1e9))
+    time = np.arange(
+        states.stamp_ns[0], states.stamp_ns[-1], round(quantities.CONTROL_PERIOD * 1e9)
+    )
 
     def sampled(topic: str, rows: Any, columns: int) -> quantities.FloatArray:
         return _newest_values(time, streams[topic].stamp_ns, rows, columns)
@@ -132,7 +133,8 @@ def signals_of(streams: Mapping[str, Stream], wheels: Sequence[str]) -> Signals:
         for message in streams[_IMU].messages
     ]
     upwards = [message.linear_acceleration.z for message in streams[_IMU].messages]
-    pedal = sampled(_PEDAL, [demand(m) for m in streams[_PEDAL].messages], 1)[:, 0]
+    demands = [values_of(m, "pedal", wheels) for m in streams[_PEDAL].messages]
+    pedal = sampled(_PEDAL, demands, 1)[:, 0]
     if not np.all(np.isnan(pedal) | ((pedal >= 0.0) & (pedal <= 1.0))):
         raise configuration.ConfigurationError(
             _PEDAL, f"is {np.nanmin(pedal):g} to {np.nanmax(pedal):g}, must be a share from 0 to 1"

@@ -45,6 +45,8 @@ from omni_tools.drive.server import Demand, DriveServer
 _ASSISTANT = "brake_assist"  # in the namespace of this node
 _SWITCH = "enabled"
 _RESET = "simulator/reset"
+# Time for which poses are kept, because a stop begins at the pose with the stamp of the pedal [ns].
+_KEPT_NS = 500_000_000
 _DRIVER_COMMAND = topics.Topic("driver/cmd_vel", topics.TWIST_STAMPED, "driver")
 _PARAMETER_EVENTS = topics.Topic(
     "parameter_events", "rcl_interfaces/msg/ParameterEvent", "every node", shared=True
@@ -156,9 +158,7 @@ class DriverNode(Node):
         self._receive_from(topics.DIAGNOSTICS, self._on_diagnostics)
         self._receive_from(_PARAMETER_EVENTS, self._on_parameters)
         self._stamp_ns = 0
-        # Poses of the last half second are kept, because a stop begins at the pose with the stamp
-        # of the pedal.
-        self._poses: deque[tuple[int, list[float], list[float]]] = deque(maxlen=50)
+        self._poses: deque[tuple[int, list[float], list[float]]] = deque()
         self._pedal_down_ns: int | None = None
 
     def _receive_from(
@@ -208,6 +208,8 @@ class DriverNode(Node):
         motion = (self._stamp_ns, self.state["pose"], self.state["twist"])
         self.state["placed"] += bool(self._poses) and was_placed(self._poses[-1], motion)
         self._poses.append(motion)
+        while abs(self._stamp_ns - self._poses[0][0]) > _KEPT_NS:
+            self._poses.popleft()
         self._note_start()
 
     def _on_pedal(self, message: JointState) -> None:

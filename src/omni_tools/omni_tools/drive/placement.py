@@ -7,11 +7,11 @@ from omni_core.quantities import GRAVITY
 
 RESOLUTION = 0.01  # [m] a smaller displacement affects neither the trail nor the metrics of a stop
 
-Motion = tuple[int, Sequence[float], Sequence[float]]
+TimedMotion = tuple[int, Sequence[float], Sequence[float]]
 """Stamp [ns], pose x, y, yaw [m, m, rad], and body twist [m/s, m/s, rad/s]"""
 
 
-def was_placed(before: Motion, after: Motion) -> bool:
+def was_placed(before: TimedMotion, after: TimedMotion) -> bool:
     """Return whether a vehicle was placed elsewhere between two stamps.
 
     It did not drive there if the distance exceeds the longest path that is possible with the speeds

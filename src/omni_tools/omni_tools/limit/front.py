@@ -17,7 +17,7 @@ ROTATIONS = (0.5, 5.0, 15.0, 30.0)
 """Limits on the rotation; `front` plans one stop for each of them [deg]."""
 
 
-class Stop(NamedTuple):
+class LimitStop(NamedTuple):
     """Stopping distance [m] and change of heading [deg] of a stop; NaN if no stop was found."""
 
     distance: float
@@ -47,7 +47,7 @@ Load = Callable[[tuple[str, ...]], ExperimentConfiguration]
 """Function that composes the experiment with given ``dotted.key=value`` overrides."""
 
 
-def front(load: Load, maneuver: Maneuver) -> dict[str, Stop]:
+def front(load: Load, maneuver: Maneuver) -> dict[str, LimitStop]:
     """Return the shortest known stops and the stops with all control laws, keyed by name.
 
     Args:
@@ -62,22 +62,22 @@ def front(load: Load, maneuver: Maneuver) -> dict[str, Stop]:
     if ground.patches or len(ground.elevation.table()):
         raise ConfigurationError("--best", "needs level ground of one friction, without patches")
     optimal = OptimalStop(experiment.vehicle, ground.friction, maneuver)
-    stops, best = {}, Stop(math.nan, math.nan)
+    stops, best = {}, LimitStop(math.nan, math.nan)
     for law, changes in _LAWS.items():
         run = run_fast_loop(load((*IDEAL, *changes)))
-        stops[law] = Stop(run.stopping_distance, run.orientation_change)
+        stops[law] = LimitStop(run.stopping_distance, run.orientation_change)
     for rotation in ROTATIONS:
         setting = f"brake_assist.max_rotation={rotation}"
         run = run_fast_loop(load((*IDEAL, *_ALLOCATION, setting)))
-        stops[f"allocation_{rotation:g}"] = Stop(run.stopping_distance, run.orientation_change)
+        stops[f"allocation_{rotation:g}"] = LimitStop(run.stopping_distance, run.orientation_change)
         plan = optimal.plan(rotation, run)
         if plan.distance < best.distance or math.isnan(best.distance):
-            best = Stop(plan.distance, plan.rotation)
+            best = LimitStop(plan.distance, plan.rotation)
         stops[f"best_{rotation:g}"] = best  # a smaller limit may give the shorter stop
     return stops
 
 
-def draw_front(name: str, stops: dict[str, Stop], bound: float) -> Figure:
+def draw_front(name: str, stops: dict[str, LimitStop], bound: float) -> Figure:
     """Draw stopping distance versus rotation of all stops, with the lower bound.
 
     Args:

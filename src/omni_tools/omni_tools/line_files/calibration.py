@@ -42,7 +42,7 @@ _HUBER = 2.5  # residual above which a batch has a smaller weight, in robust sta
 _STRETCHES = 24  # number of parts of the recordings whose errors are assumed to be independent
 
 
-class Drive(NamedTuple):
+class CalibrationDrive(NamedTuple):
     """Measurements of one camera and of the reference for m batches of a recording.
 
     Attributes:
@@ -81,7 +81,7 @@ class Calibration(NamedTuple):
     error: Mapping[str, float]
     mirrored: bool
     unseen: tuple[str, ...]
-    drives: tuple[Drive, ...]
+    drives: tuple[CalibrationDrive, ...]
     residual: tuple[FloatArray, ...]
     before: tuple[FloatArray, ...]
 
@@ -92,7 +92,7 @@ def observe(
     reference_time: FloatArray,
     reference_twist: FloatArray,
     configuration: OdometryConfiguration,
-) -> Drive:
+) -> CalibrationDrive:
     """Return the measurements of one camera during a recording.
 
     Args:
@@ -120,7 +120,7 @@ def observe(
     twist = np.column_stack(columns)
     inside = (middle >= reference_time[0]) & (middle <= reference_time[-1])
     known = inside & np.all(np.isfinite(twist), axis=1)
-    return Drive(middle[known], np.array(pixels)[known], twist[known], rate, rate_error)
+    return CalibrationDrive(middle[known], np.array(pixels)[known], twist[known], rate, rate_error)
 
 
 def _line_rate(batches: Sequence[signals.LineBatch]) -> tuple[float, float]:
@@ -136,7 +136,10 @@ def _line_rate(batches: Sequence[signals.LineBatch]) -> tuple[float, float]:
 
 
 def calibrate(
-    nominal: sensors.LineSensor, drives: Sequence[Drive], fewest: int = 12, seen_below: float = 0.1
+    nominal: sensors.LineSensor,
+    drives: Sequence[CalibrationDrive],
+    fewest: int = 12,
+    seen_below: float = 0.1,
 ) -> Calibration:
     """Return the calibration of one camera, fitted to its recordings.
 
@@ -211,7 +214,7 @@ def _determined(
     return coefficients, covariance, seen
 
 
-def _mean_rate(drives: Sequence[Drive]) -> tuple[float, float]:
+def _mean_rate(drives: Sequence[CalibrationDrive]) -> tuple[float, float]:
     """Return the mean line rate of the recordings and its standard error [1/s]."""
     rates = np.array([drive.line_rate for drive in drives])
     scatter = float(rates.std(ddof=1)) / math.sqrt(len(rates)) if len(rates) > 1 else 0.0

@@ -149,7 +149,7 @@ def _whole_error(shift: FloatArray | IntArray, truth: FloatArray) -> FloatArray:
     return np.where(np.abs(shift - truth) <= 0.55, 0.0, shift - np.round(truth))
 
 
-class Motion(NamedTuple):
+class ViewMotion(NamedTuple):
     """Uniform motion of a camera.
 
     Attributes:
@@ -171,7 +171,7 @@ class Motion(NamedTuple):
 
 
 def measure(
-    motions: Sequence[Motion],
+    motions: Sequence[ViewMotion],
     texture: GroundTexture,
     pairs: int,
     noise: float,

@@ -65,6 +65,11 @@ def report_document(title: str, runs: Sequence[recording.ReportedRun]) -> dict[s
         "metrics": _metrics(runs),
         "metricNotes": [f"{name}: {note}" for name, note in dict.fromkeys(notes)],
         "configuration": _configuration(runs),
+        "signals": {
+            signal.name: [topic.name, signal.unit]
+            for topic, signal in recording.SHOWN
+            if any(signal.name in run.series for run in runs)
+        },
     }
 
 
@@ -107,7 +112,7 @@ def _run(run: recording.ReportedRun) -> dict[str, Any]:
         "columns": {name: _columns(values, stride) for name, values in columns.items()},
         "states": _states(history, stride),
         "forces": _sampled(history, run.forces),
-        "testRatios": _sampled(history, run.test_ratios),
+        "series": {name: _sampled(history, series) for name, series in run.series.items()},
         "brakeStart": None if history.brake_start is None else history.brake_start // stride,
         "scene": scene,
     }

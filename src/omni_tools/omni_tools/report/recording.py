@@ -13,15 +13,24 @@ import numpy as np
 from omni_brake_assist.conditions import AssistState
 from omni_core.configuration import InputError, from_mapping
 from omni_core.quantities import FloatArray, IntArray
-from omni_core.topics import MARKERS, TEST_RATIOS, WHEEL_FORCES
+from omni_core.topics import DECLARED, JOINT_STATE, MARKERS, WHEEL_FORCES, Signal, Topic
 from omni_recording import decode, folder
 from omni_recording.error import BagError
 from omni_runs import drift, experiment, recorded_run
-from omni_runs.history import RunHistory
+from omni_runs.history import SIGNALS, RunHistory
 from omni_runs.limit.bounds import limit_share
 from omni_runs.metrics import Metric, rest_stamp
-from omni_runs.recorded_run import read_streams
+from omni_runs.recorded_run import Stream, read_streams
 from omni_runs.stops import drive_metrics, named_stops, stop_metrics
+
+SHOWN = tuple(
+    (topic, signal)
+    for topic in DECLARED
+    if topic.recorded and topic.type == JOINT_STATE
+    for signal in topic.signals
+    if signal.name not in SIGNALS
+)
+"""Signals that a report shows beside the history, each with its topic."""
 
 _METERS_PER_NEWTON = 1e-4  # scale of the arrows in recordings without forces [m/N]
 
@@ -91,24 +100,34 @@ def _arrows(message: Any) -> tuple[Any, list[float]]:
     return stamped, [length / _METERS_PER_NEWTON for length in lengths]
 
 
-def read_test_ratios(bag_folder: Path | str) -> Series | None:
-    """Return the test ratios that the fault detection published; None if there are none.
+def read_series(bag_folder: Path | str) -> dict[str, Series]:
+    """Return the recorded signals in `JointState` messages that no history contains.
 
-    A ratio is the normalized innovation squared divided by its gate [1], NaN without an innovation.
+    One of them is ``test_ratio``: the normalized innovations squared of fault detection divided by
+    their gates [1], NaN without an innovation.
+
+    Returns:
+        Series keyed by the name of the signal, without signals that were not recorded.
 
     Raises:
-        BagError: the recording cannot be read, or its messages name different sources.
+        BagError: the recording cannot be read, or the names in the messages of a topic differ.
     """
     bag = folder.open_vehicle(bag_folder)
-    stream = read_streams(bag, (TEST_RATIOS,)).get(TEST_RATIOS.name)
-    if stream is None:
-        return None
+    streams = read_streams(bag, (topic for topic, _ in SHOWN))
+    return {
+        signal.name: _series_of(bag, topic, signal, streams[topic.name])
+        for topic, signal in SHOWN
+        if topic.name in streams
+    }
+
+
+def _series_of(bag: folder.Bag, topic: Topic, signal: Signal, stream: Stream) -> Series:
     names = tuple(stream.messages[0].name)
-    for message in stream.messages:
-        if tuple(message.name) != names or len(message.position) != len(names):
-            raise BagError(bag.path, f"{TEST_RATIOS.path} names different sources")
-    rows = np.array([message.position for message in stream.messages], dtype=np.float64)
-    return Series(stream.stamp_ns, rows, names)
+    rows = [getattr(message, signal.field) for message in stream.messages]
+    for message, values in zip(stream.messages, rows, strict=True):
+        if tuple(message.name) != names or len(values) != len(names):
+            raise BagError(bag.path, f"{topic.path} names different sources")
+    return Series(stream.stamp_ns, np.array(rows, dtype=np.float64), names)
 
 
 _ASSISTING = (
@@ -129,7 +148,7 @@ class ReportedRun:
         history: time histories of the run.
         metrics: metrics of the run, keyed by quantity.
         forces: forces of the wheels on the vehicle; None if they were not recorded.
-        test_ratios: test ratios of fault detection; None if they were not recorded.
+        series: recorded signals that the history does not contain, keyed by name (`read_series`).
         configuration: configuration of the whole loop; None unless it is stored with the recording
             and has the same wheels.
         values: available values of the configuration as texts, keyed by dotted key.
@@ -140,7 +159,7 @@ class ReportedRun:
     history: RunHistory
     metrics: Mapping[str, Metric]
     forces: Series | None = None
-    test_ratios: Series | None = None
+    series: Mapping[str, Series] = dataclasses.field(default_factory=dict)
     configuration: experiment.ExperimentConfiguration | None = None
     values: Mapping[str, str] = dataclasses.field(default_factory=dict)
     notes: tuple[str, ...] = ()
@@ -195,14 +214,15 @@ def _part(whole: ReportedRun, history: RunHistory, name: str) -> ReportedRun:
     """Return a run that contains one stop of a recording."""
     if history is whole.history:
         return whole
-    forces, ratios = whole.forces, whole.test_ratios
+    forces = whole.forces
+    parts = {name: series.during(history) for name, series in whole.series.items()}
     return dataclasses.replace(
         whole,
         name=name,
         history=history,
         metrics=_measured(history, whole.configuration),
         forces=forces and forces.during(history),
-        test_ratios=ratios and ratios.during(history),
+        series={name: part for name, part in parts.items() if part},
     )
 
 
@@ -229,7 +249,7 @@ def read_reported_run(path: Path, name: str) -> ReportedRun:
         history=history,
         metrics=_measured(history, configuration),
         forces=forces,
-        test_ratios=read_test_ratios(path),
+        series=read_series(path),
         configuration=configuration,
         values=values,
         notes=tuple(notes),

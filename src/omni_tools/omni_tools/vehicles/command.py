@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from omni_core.brakes import TYPICAL
+from omni_core.brakes import BRAKES, BRAKES_IN_WORDS
 from omni_core.commands.command_options import CommandOptions, option, option_of
 from omni_core.commands.command_report import Report, entries_by_case, make_folder
 from omni_core.configuration import ConfigurationError, declared_parameters, from_mapping
@@ -47,10 +47,9 @@ class Options(CommandOptions):
     """maximum torque of a drive at its wheel (default: an estimate)"""
     drive_power: float | None = option(None, unit="W")
     """maximum power with which a drive brakes its wheel (default: no limit)"""
-    brakes: str | None = option(None, choices=tuple(TYPICAL))
-    """kind of brakes: `on_off` for on-off valves (default), `spring` for spring-applied brakes,
-    `proportional` for proportional brakes, `torque` or `velocity` for drives with a torque or a
-    velocity command"""
+    brakes: str | None = option(
+        None, choices=tuple(BRAKES), description=f"{BRAKES_IN_WORDS} (default: on_off)"
+    )
     out: Path | None = option(None, metavar="DIR")
     """new folder for the files (default: NAME)"""
 

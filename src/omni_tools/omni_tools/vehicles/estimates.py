@@ -4,7 +4,7 @@ import math
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from omni_core.brakes import ON_OFF, TORQUE, TYPICAL, VELOCITY, BrakeConfiguration
+from omni_core.brakes import BRAKES, BRAKES_IN_WORDS, ON_OFF, BrakeConfiguration
 from omni_core.configuration import (
     Configuration,
     ConfigurationError,
@@ -43,10 +43,7 @@ class Measured(Configuration):
     """maximum torque of a drive at its wheel; 0 for the torque of the brake"""
     drive_power: float = parameter(0.0, unit="W", minimum=0.0, maximum=1.0e7)
     """maximum power with which a drive brakes its wheel; 0 for no limit"""
-    brakes: str = parameter(ON_OFF, choices=tuple(TYPICAL))
-    """kind of brakes: `on_off` for on-off valves, `spring` for spring-applied brakes,
-    `proportional` for proportional brakes, `torque` or `velocity` for drives with a torque or a
-    velocity command"""
+    brakes: str = parameter(ON_OFF, choices=tuple(BRAKES), description=BRAKES_IN_WORDS)
 
     def check_consistency(self) -> None:
         """Check that the wheels fit on the chassis and that their number is valid."""
@@ -169,13 +166,13 @@ def _brake(measured: Measured, locking: float) -> tuple[dict[str, Any], str]:
         locking: torque of a brake if it is unknown; it locks the wheel [N m].
     """
     torque, note = locking, f"{_USUAL.brake:g} times the torque that locks a wheel"
-    by_drive = measured.brakes in (TORQUE, VELOCITY)
-    if by_drive and measured.drive_torque:
+    kind = BRAKES[measured.brakes]
+    if kind.is_drive and measured.drive_torque:
         torque, note = measured.drive_torque, "the torque of the drive"
-    brake = {"max_torque": _round(torque), **TYPICAL[measured.brakes]}
-    if measured.brakes == VELOCITY:
+    brake = {"max_torque": _round(torque), **kind.typical}
+    if BrakeConfiguration(**kind.typical).is_ramped:
         brake["ramp"] = BrakeConfiguration.ramp
-    if by_drive and measured.drive_power:
+    if kind.is_drive and measured.drive_power:
         brake["max_power"] = measured.drive_power
     return brake, note
 
@@ -298,8 +295,8 @@ def _sensors(name: str, measured: Measured) -> str:
 
 def _experiment(name: str, measured: Measured) -> str:
     speed = min(_round(math.sqrt(2.0 * _USUAL.deceleration * 3.0 * measured.length), 2), 10.0)
-    # Without fast valves, the law of 2013 lengthens the stop far more than `allocation`.
-    law = {} if measured.brakes == ON_OFF else {"law": "allocation"}
+    kind = BRAKES[measured.brakes]
+    law = {"law": kind.law} if kind.law else {}
     return commented_yaml(
         {
             "description": f"{name} stops from {speed:g} m/s",
@@ -313,7 +310,7 @@ def _experiment(name: str, measured: Measured) -> str:
                 "k": 7,
                 "nominal_mass": _round(measured.mass + measured.load),
                 # A coil must not be switched again before its slower operation is complete.
-                "minimum_dwell_time": TYPICAL[measured.brakes].get("release_time", 0.0),
+                "minimum_dwell_time": kind.typical.get("release_time", 0.0),
             },
             "variants": {
                 "unassisted": {"brake_assist": {"enabled": False}},

@@ -17,7 +17,7 @@ from omni_runs.limit.bounds import maneuver_of, straight_bound
 from omni_sim.vehicle.loads import MassConfiguration
 from omni_tools.limit import front as front_module
 from omni_tools.limit.best import OptimalStop, Transcription, load_casadi
-from omni_tools.limit.front import Stop, draw_front
+from omni_tools.limit.front import LimitStop, draw_front
 
 CONFIG = Path(__file__).resolve().parents[4] / "config"
 needs_casadi = pytest.mark.skipif(
@@ -81,13 +81,13 @@ def test_a_stop_that_turns_less_stands_where_no_better_one_is_found(
         maneuver_of(library.load("straight_line", "assisted").maneuver),
     )
     best = [stops[f"best_{rotation:g}"] for rotation in front_module.ROTATIONS]
-    assert best == [Stop(8.6, 0.5)] * 3 + [Stop(8.5, 30.0)]
+    assert best == [LimitStop(8.6, 0.5)] * 3 + [LimitStop(8.5, 30.0)]
 
 
 def test_a_front_shows_every_stop() -> None:
-    stops = {"unassisted": Stop(9.9, 35.0), "sliding_mode": Stop(10.1, 2.7)}
+    stops = {"unassisted": LimitStop(9.9, 35.0), "sliding_mode": LimitStop(10.1, 2.7)}
     for rotation in (0.5, 5.0):
-        stops[f"allocation_{rotation:g}"] = Stop(8.6, rotation)
-        stops[f"best_{rotation:g}"] = Stop(math.nan if rotation > 1.0 else 8.5, rotation)
+        stops[f"allocation_{rotation:g}"] = LimitStop(8.6, rotation)
+        stops[f"best_{rotation:g}"] = LimitStop(math.nan if rotation > 1.0 else 8.5, rotation)
     axes = draw_front("a_b", stops, 8.65).axes[0]
     assert len(axes.lines) == 5

@@ -117,7 +117,7 @@ def test_columns_carry_the_history(make_history: MakeHistory) -> None:
 
 def test_test_ratios_carry_what_the_assistant_published() -> None:
     run = read_reported_run(SAMPLE, "run")
-    shown = report_document("", [run])["runs"][0]["testRatios"]
+    shown = report_document("", [run])["runs"][0]["series"]["test_ratio"]
     wheels = [name.replace("_", " ") for name in run.history.wheel_names]
     assert shown["names"][:3] == ["twist", "gyro", "accelerometer"]
     assert sorted(shown["names"][3:]) == sorted(wheels)

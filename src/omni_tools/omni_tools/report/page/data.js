@@ -11,9 +11,9 @@ function readRuns(report) {
     for (const [name, texts] of Object.entries(run.columns)) columns[name] = texts.map(decodeColumn);
     const read = { ...run, number, columns, times: columns.time[0] };
     read.forces = run.forces && readForces(run.forces, read);
-    if (run.testRatios) {
-      const { names, time, values } = run.testRatios;
-      read.testRatios = { names, times: decodeColumn(time), values: values.map(decodeColumn) };
+    read.series = {};
+    for (const [name, { names, time, values }] of Object.entries(run.series)) {
+      read.series[name] = { names, times: decodeColumn(time), values: values.map(decodeColumn) };
     }
     return read;
   });

@@ -12,7 +12,7 @@ class Player {
     this.time = this.span[0];
     this.last = null; // [ms] time of the previous frame, while the player runs
     this.view = new TopView(get("top-view"), this.runs);
-    this.plots = PLOTS.map((kind) => new Plot(kind, this.runs, this.window, get("plots"), (time) => this.seek(time)));
+    this.plots = plotKinds(report).map((kind) => new Plot(kind, this.runs, this.window, get("plots"), (time) => this.seek(time)));
     this.missing = this.plots.filter((plot) => !plot.range).map((plot) => plot.kind.title);
     this.plots = this.plots.filter((plot) => plot.range);
     [this.slider.min, this.slider.max] = this.span;

@@ -16,7 +16,7 @@ const PLOTS = [
   { name: "error", title: "Distance from the sliding manifold, s_i", unit: "m/s", digits: 3,
     curves: (run) => byWheel(run, run.columns.error) },
   { name: "test-ratio", title: "Fault detection: test ratio of each source", unit: "squared innovation over its gate; rejected above 1; cut off at 4", digits: 2, gate: 1, largest: 4,
-    curves: ratioCurves },
+    curves: (run) => namedCurves(run, "test_ratio") },
   { name: "enable", title: "Brake enables", unit: "filled height: share of the brake pressure", lanes: true,
     curves: (run) => byWheel(run, run.columns.enable) },
   { name: "slip", title: "Wheel slip", unit: "0 rolls, ±1 locked; computed", digits: 2,
@@ -48,9 +48,16 @@ function forceCurves(run) {
   });
 }
 
-function ratioCurves(run) {
-  const { names, times, values } = run.testRatios || { names: [] };
+function namedCurves(run, name) {
+  const { names, times, values } = run.series[name] || { names: [] };
   return names.map((label, color) => ({ label, color, times, values: values[color] }));
+}
+
+// The plots above, and a plot for each other recorded signal.
+function plotKinds(report) {
+  const others = Object.entries(report.signals).filter(([name]) => name !== "test_ratio");
+  return [...PLOTS, ...others.map(([name, [title, unit]]) => (
+    { name, title, unit, digits: 3, curves: (run) => namedCurves(run, name) }))];
 }
 
 class Plot {
