@@ -11,7 +11,7 @@ batch contains the lines of a control period of 10 ms: 1024 px at 2500 lines/s, 
 lines/s (LIS-770i) or 128 px at 15600 lines/s (S3901). Without OpenCV this comparison is omitted.
 Install OpenCV by
 
-    ./omni exec python -m pip install --no-deps --require-hashes -r requirements/opencv.lock
+    ./omni install opencv
 """
 
 import importlib

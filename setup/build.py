@@ -1,73 +1,55 @@
-"""Build of the packages by colcon."""
+"""Installation of the packages of this workspace into one prefix, for entry points and `ros2 run`.
 
-import contextlib
-import re
+The launcher does without colcon, which starts four processes for each package.
+"""
+
+import os
+import runpy
 import shutil
+import sys
 from pathlib import Path
 
 from setup import workspace as places
-from setup.failures import SetupError
 from setup.pythons import say
 from setup.steps import Steps
 
 
 def build(workspace: places.Workspace, steps: Steps) -> None:
-    """Build the packages from scratch."""
-    state = places.files_state(
-        places.build_inputs(workspace.root)
-    )  # computed before the build, so that an edit during the build causes another build
-    environment_stamp = places.read_stamp(workspace.venv)
-    environment = places.venv_environment(workspace, environment_stamp["libraries"])
-    packages = sorted(path.parent for path in (workspace.root / "src").glob("*/package.xml"))
-    say(f"building {len(packages)} packages with colcon")
+    """Install the packages from scratch."""
+    # The state is computed first, so that an edit during the build causes another build.
+    state = places.build_state(workspace)
+    say("building the packages of src")
     # The stamp is deleted first. No file of a deleted package may remain.
-    (workspace.install / "omni.json").unlink(missing_ok=True)
-    for folder in (workspace.root / "build", workspace.install, workspace.cache / "colcon"):
-        remove(folder)
-
-    def note(line: str) -> str | None:
-        return line if line.startswith(("Starting >>>", "Finished <<<")) else None
-
-    colcon: list[object] = [workspace.python, workspace.venv / "bin" / "colcon"]
-    colcon += ["--log-base", workspace.cache / "colcon", "build"]
-    colcon += ["--base-paths", "src", "--event-handlers", "console_cohesion+"]
-    code, output = steps.run(colcon, environment, note)
-    if code:
-        failed = re.findall(r"(?m)^Failed\s+<<<\s+(\S+)", output)
-        raise SetupError(
-            "building {} failed: see {} for the cause.".format(
-                ", ".join(failed) or "the packages", workspace.log
-            )
-        )
-    for package in packages:
-        prefix = workspace.install / package.name
-        if not (prefix / "share" / package.name / "hook" / "ament_prefix_path.dsv").exists():
-            raise SetupError(
-                f"colcon does not recognize {package} as an ament_python package: correct its "
-                f"package.xml "
-                f"(details in {workspace.log})."
-            )
-        repair_first_lines(prefix / "lib")
-    places.write_stamp(workspace.install, places.build_identity(environment_stamp), state=state)
+    (workspace.install / places.STAMP).unlink(missing_ok=True)
+    shutil.rmtree(workspace.install, ignore_errors=True)
+    workspace.install.mkdir()
+    steps.check(
+        [workspace.python, "-m", "setup.build", workspace.install],
+        places.final_environment(workspace),
+        "building the packages",
+        lambda line: line if line.startswith("building ") else None,
+    )
+    places.write_stamp(workspace.install, state)
 
 
-def remove(folder: Path) -> None:
-    """Delete a folder and its content, if it exists."""
-    with contextlib.suppress(FileNotFoundError):
-        shutil.rmtree(str(folder))
+def install(root: Path, prefix: Path) -> None:
+    """Install all packages of a workspace into a prefix, each by its ``setup.py``.
+
+    They are installed in one process, because importing setuptools takes longer than installing a
+    package.
+    """
+    for manifest in sorted((root / "src").glob("*/package.xml")):
+        print("building", manifest.parent.name, flush=True)
+        base = prefix / "build" / manifest.parent.name
+        base.mkdir(parents=True)
+        os.chdir(manifest.parent)
+        sys.argv = ["setup.py", "--quiet", "egg_info", "--egg-base", str(base), "build"]
+        # The path of the environment may contain spaces, with which no first line can begin.
+        sys.argv += ["--build-base", str(base), "--executable", "/usr/bin/env python3"]
+        sys.argv += ["install", "--prefix", str(prefix), "--record", str(base / "install.log")]
+        sys.argv += ["--single-version-externally-managed"]
+        runpy.run_path("setup.py", run_name="__main__")
 
 
-def repair_first_lines(library: Path) -> None:
-    """Replace the first line of executables if Python's path is too long or contains spaces."""
-    for script in library.glob("*/*"):
-        if script.parent.name.startswith("python3") or not script.is_file():
-            continue
-        text = script.read_bytes()
-        first, _, rest = text.partition(b"\n")
-        # setuptools quotes a path with spaces, but the kernel does not accept quotes.
-        if first.startswith(b'#!"') or (first.startswith(b"#!/") and len(first) > 127):
-            interpreter = first[2:].strip(b'"')
-            # Python reads these lines as a string, and the shell reads them as a command.
-            script.write_bytes(
-                b"#!/bin/sh\n'''exec' \"" + interpreter + b'" "$0" "$@"\n' + b"' '''\n" + rest
-            )
+if __name__ == "__main__":
+    install(Path.cwd(), Path(sys.argv[1]))

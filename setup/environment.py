@@ -1,35 +1,25 @@
 """Environment of the workspace, with exactly the packages of a lock file."""
 
-import itertools
-import os
 import re
 import shutil
 import subprocess
 import sys
-import time
-from collections.abc import Mapping
+from pathlib import Path
 
 from setup import failures
 from setup import workspace as places
 from setup.pythons import find_python, say
 from setup.steps import Steps
+from setup.uv import Uv
 
-DISK_SPACE = 1.5e9  # bytes: 0.9 GB for the environment, the rest for downloads and kernels
 # Packages that are needed to compile the kernels. They are installed first, because compilation
-# takes the longest. Every package index has setuptools, so it shows whether an index is reachable.
-COMPILER = ["setuptools", "llvmlite", "numba", "numpy", "pillow", "pyyaml", "rocket-fft", "scipy"]
+# takes the longest.
+COMPILER = ("setuptools", "llvmlite", "numba", "numpy", "pillow", "pyyaml", "rocket-fft", "scipy")
 
 
 def make_environment(workspace: places.Workspace, steps: Steps) -> None:
     """Create the environment with the packages of the lock file."""
     python = choose_python(workspace)
-    failures.check_venv_module(python)
-    if not workspace.ros:
-        import platform
-
-        libc = os.confstr("CS_GNU_LIBC_VERSION") if hasattr(os, "confstr") else ""
-        bits = 64 if sys.maxsize > 2**32 else 32
-        failures.check_platform(platform.system(), platform.machine(), libc or "", bits)
     marker = workspace.venv / "made-by-omni"
     if workspace.venv.exists():
         if not marker.exists() and any(workspace.venv.iterdir()):
@@ -39,35 +29,26 @@ def make_environment(workspace: places.Workspace, steps: Steps) -> None:
             )
         shutil.rmtree(workspace.venv)
     shutil.rmtree(workspace.kernels, ignore_errors=True)  # compiled with other packages
-    failures.check_space(workspace.root, DISK_SPACE)
-    say(f"setting up in {workspace.venv} (about 1 GB, once, some minutes; log: {workspace.log})")
+    say(f"setting up in {workspace.venv} (0.7 GB, once, about a minute; log: {workspace.log})")
+    uv = Uv(workspace, steps, python)
     workspace.venv.mkdir()
     marker.touch()
-    environment = places.base_environment(os.environ, workspace)
-    environment.pop("PYTHONPATH", None)
-    code, output = steps.run([python, "-m", "venv", workspace.venv], environment)
-    if code:
-        raise failures.SetupError(
-            failures.explain_install(output, workspace.log, "making the environment")
-        )
-    install_packages(workspace, steps, environment)
-    site = next((workspace.venv / "lib").glob("python3.*")) / "site-packages"
-    libraries = [str(path) for path in sorted(site.glob("ros_*.libs"))]
-    libraries = [str(workspace.venv / "lib"), *libraries]
+    uv.make_environment(python)
+    say(f"installing the packages of {workspace.lock_file.relative_to(workspace.root)}")
+    first = workspace.venv / "first.lock"
+    lock = workspace.lock_file.read_text()
+    blocks = [re.findall(rf"(?m)^{name}==(?:.*\\\n)*.*\n", lock) for name in COMPILER]
+    first.write_text("".join(block for package in blocks for block in package))
+    uv.install(first)
+    compile_in_background(workspace)
+    uv.install(workspace.lock_file)
     check = "import rclpy, numba, sensor_msgs.msg, matplotlib.font_manager"
-    ready = places.final_environment(workspace, libraries)
-    code, output = steps.run([workspace.python, "-c", check], ready)
-    if code:
-        raise failures.SetupError(
-            "ROS 2 and its packages are installed but do not start here ({}): see {} for the "
-            "cause.".format((output.splitlines() or ["signal"])[-1], workspace.log)
-        )
-    places.write_stamp(
-        workspace.venv,
-        places.environment_identity(workspace),
-        libraries=libraries,
-        made=time.time_ns(),
+    steps.check(
+        [workspace.python, "-c", check],
+        places.final_environment(workspace),
+        "starting the installed ROS 2 and its packages",
     )
+    places.write_stamp(workspace.venv, places.environment_state(workspace))
 
 
 def choose_python(workspace: places.Workspace) -> str:
@@ -84,55 +65,12 @@ def choose_python(workspace: places.Workspace) -> str:
     return python
 
 
-def install_packages(
-    workspace: places.Workspace, steps: Steps, environment: Mapping[str, str]
-) -> None:
-    """Install exactly the packages of the lock file, and check every file against its hash."""
-    lock = workspace.lock_file.read_text()
-    pip = [workspace.python, "-m", "pip", "--disable-pip-version-check", "--no-input"]
-    install = [*pip, "install", "--no-deps", "--require-hashes", "--no-compile"]
-    install += ["--progress-bar", "off", "--no-warn-script-location"]
-    if "PIP_RETRIES" not in environment:
-        install += ["--retries", "3"]
-    # empy is published as source only. It is built with the setuptools of the lock file.
-    first = workspace.venv / "first.lock"
-    blocks = [re.findall(rf"(?m)^{name}==(?:.*\\\n)*.*\n", lock) for name in COMPILER]
-    first.write_text("".join(itertools.chain(*blocks)))
-    total = len(re.findall(r"(?m)^[\w.-]+==", lock))
-    ignored: list[str] = []
-    names: list[str] = []
-
-    def note(line: str) -> str | None:
-        if line.startswith("Ignoring "):
-            ignored.append(line)
-        found = re.match(r"(?:Collecting|Processing|Requirement already satisfied:?) (\S+)", line)
-        if found:
-            name = re.split(r"[=<>]|-\d", found.group(1).rpartition("/")[2])[0]
-            names.append(name)
-            count = f"{len(names)}/{total - len(ignored)} "
-            return "fetching " + count + name
-        if line.startswith("Installing collected packages"):
-            return f"unpacking {len(names)} packages"
-        return None
-
-    say(f"installing the packages of {workspace.lock_file.relative_to(workspace.root)}")
-    wheels = ["--only-binary", ":all:"]
-    sources = ["--no-binary", "empy", "--use-pep517", "--no-build-isolation"]
-    code, output = steps.run(install + wheels + ["-r", first], environment)
-    if not code:
-        compile_in_background(workspace)
-        every = wheels + sources + ["-r", workspace.lock_file]
-        code, output = steps.run(install + every, environment, note)
-    if code:
-        raise failures.SetupError(failures.explain_install(output, workspace.log))
-
-
 def compile_in_background(workspace: places.Workspace) -> None:
     """Start a process that compiles the kernels of a run and continues after this process ends."""
     with open(workspace.cache / "kernels.log", "w") as log:
         subprocess.Popen(
             [str(workspace.python), "-m", "omni_bringup.warm_up"],
-            env=places.final_environment(workspace, ()),
+            env=places.final_environment(workspace),
             cwd=str(workspace.root),
             stdin=subprocess.DEVNULL,
             stdout=log,
@@ -143,3 +81,26 @@ def compile_in_background(workspace: places.Workspace) -> None:
         "compiling kernels in the background (about one minute); commands wait only for those "
         "that they use"
     )
+
+
+def group_lock(workspace: places.Workspace, group: str) -> Path:
+    """Return the lock file of a group of packages that a run does not need.
+
+    Raises:
+        SetupError: There is no such group.
+    """
+    groups = sorted(path.stem for path in workspace.requirements.glob("*.lock"))
+    if group not in groups:
+        raise failures.SetupError(f"there is no group '{group}': name one of {', '.join(groups)}.")
+    return workspace.requirements / f"{group}.lock"
+
+
+def install_group(workspace: places.Workspace, lock: int | None, group: str) -> None:
+    """Install the packages of a group, unless they are installed."""
+    packages = group_lock(workspace, group)
+    installed = workspace.venv / packages.name
+    if installed.exists() and installed.read_bytes() == packages.read_bytes():
+        return
+    say(f"installing the packages of {packages.relative_to(workspace.root)}, once")
+    Uv(workspace, Steps(workspace, lock), str(workspace.python)).install(packages)
+    shutil.copyfile(packages, installed)

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from setup import workspace as places
 from setup.build import build
-from setup.environment import make_environment
+from setup.environment import install_group, make_environment
 from setup.failures import SetupError, explain_file_error
 from setup.pythons import say
 from setup.steps import Steps
@@ -60,7 +60,7 @@ def start(words: Sequence[str], root: Path, usage: str) -> int:
     workspace = places.Workspace(root, places.find_sourced_ros(os.environ, root))
     if asks_help:
         print(usage.rstrip())
-        if not (places.environment_ready(workspace) and places.build_ready(workspace)):
+        if not all(places.ready(workspace)):
             return 0
         print(flush=True)
         words = ["--help"]
@@ -71,8 +71,12 @@ def start(words: Sequence[str], root: Path, usage: str) -> int:
     if not within:
         lock = open_lock(workspace)
         make_ready(workspace, lock)
-    libraries = places.read_stamp(workspace.venv).get("libraries", [])
-    environment = places.final_environment(workspace, libraries)
+    groups = {"test": ["development"], "install": words[1:]}.get(words[0], [])
+    for group in groups:
+        install_group(workspace, lock, group)
+    if words[0] == "install":
+        return 0
+    environment = places.final_environment(workspace)
     if within or words[0] != "exec":
         environment["OMNI_RUNNING"] = str(root)
     return hand_over(workspace, environment, words, lock)
@@ -86,14 +90,15 @@ def make_ready(workspace: places.Workspace, lock: int | None) -> None:
     """
     while True:
         take_lock(lock, fcntl.LOCK_SH)
-        if places.environment_ready(workspace) and places.build_ready(workspace):
+        if all(places.ready(workspace)):
             return
         take_lock(lock, fcntl.LOCK_EX)
-        if places.environment_ready(workspace) and places.build_ready(workspace):
+        environment_ready, build_ready = places.ready(workspace)
+        if build_ready:
             continue
         begun = time.monotonic()
         steps = Steps(workspace, lock)
-        if not places.environment_ready(workspace):
+        if not environment_ready:
             make_environment(workspace, steps)
         build(workspace, steps)
         say(f"ready after {time.monotonic() - begun:.0f} s")
@@ -139,7 +144,10 @@ def hand_over(
         command = list(words[1:]) or [python]
         program = shutil.which(command[0], path=environment["PATH"])
         if not program:
-            say(f"there is no program '{command[0]}' in the environment or on the PATH.")
+            say(
+                f"there is no program '{command[0]}' in the environment or on the PATH; "
+                "'./omni install development' installs those for tests, lint, types and colcon."
+            )
             return 127
     else:
         program = python
@@ -149,29 +157,18 @@ def hand_over(
             # Only required plugins are loaded, as those of a sourced ROS fail with some pytests.
             environment["PYTEST_DISABLE_PLUGIN_AUTOLOAD"] = "1"
             command = [python, "-m", "pytest", "-p", "_hypothesis_pytestplugin", "-p", "xdist"]
+            command += ["-c", str(workspace.root / "pyproject.toml"), *words[1:]]
             # Without named files, all tests run on all cores, file by file, because the tests of a
             # file share its recorded runs. There are two more workers than cores, as workers often
             # wait for other processes, but not in the fast tests.
-            named = any(os.path.exists(word.split("::")[0]) for word in words[1:])
-            if not named and not {"-n", "-k", "--pdb"} & set(words):
-                workers = str(len(os.sched_getaffinity(0)) + (0 if "fast" in words else 2))
-                command += ["-n", workers, "--dist", "loadfile", "--no-loadscope-reorder"]
-            command += pytest_arguments(words[1:], workspace.root)
+            if not any(os.path.exists(word.split("::")[0]) for word in words[1:]):
+                os.chdir(workspace.root)
+                if not {"-n", "-k", "--pdb"} & set(words):
+                    workers = str(len(os.sched_getaffinity(0)) + (0 if "fast" in words else 2))
+                    command += ["-n", workers, "--dist", "loadfile", "--no-loadscope-reorder"]
         else:
-            cli = workspace.install / "omni_bringup" / "lib" / "omni_bringup" / "omni"
+            cli = workspace.install / "lib" / "omni_bringup" / "omni"
             command = [python, str(cli), *list(words)]
             # Signals are blocked until the command line can handle them; they are not lost.
             signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT, signal.SIGTERM])
     os.execve(program, command, environment)
-
-
-def pytest_arguments(words: Sequence[str], root: Path) -> list[str]:
-    """Return pytest arguments for the workspace's folder, with the caller's paths made absolute."""
-    here = os.getcwd()
-    os.chdir(str(root))
-    return [
-        os.path.join(here, word)
-        if not word.startswith("-") and os.path.exists(os.path.join(here, word.split("::")[0]))
-        else word
-        for word in words
-    ]

@@ -1,21 +1,31 @@
 """Steps of the set-up, each of which is a program whose output goes to the log."""
 
-import ctypes
-import shutil
-import signal
+import os
+import select
 import subprocess
-import sys
-from collections.abc import Callable, Mapping, Sequence
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import IO
 
+from setup import failures
+from setup.pythons import say
 from setup.workspace import Workspace
 
-_PR_SET_PDEATHSIG = 1  # <linux/prctl.h>
-_LIBC = ctypes.CDLL(None)  # loaded at import, because it must not happen between fork and exec
+_PAUSE = 4.0  # shortest time between two lines of progress [s]
+_CHUNK = 65536  # most output that is read at once [B]
 
 
-def _end_with_parent() -> None:
-    """Ask the kernel for SIGTERM when the process that started this one dies."""
-    _LIBC.prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
+def _lines(stream: IO[bytes]) -> Iterator[str]:
+    """Yield the lines of a stream, and an empty text after each `_PAUSE` without a line."""
+    rest, chunk = b"", b"\n"
+    while chunk:
+        if select.select([stream], [], [], _PAUSE)[0]:
+            chunk = os.read(stream.fileno(), _CHUNK)
+            *whole, rest = (rest + chunk).split(b"\n")
+            yield from (line.decode(errors="replace") + "\n" for line in whole)
+        else:
+            yield ""
+    yield rest.decode(errors="replace")
 
 
 class Steps:
@@ -30,29 +40,35 @@ class Steps:
         """
         self.workspace = workspace
         self.lock = lock
-        self.live = sys.stderr.isatty()
         workspace.log.write_text("")
 
-    def run(
+    def check(
         self,
         command: Sequence[object],
         environment: Mapping[str, str],
+        doing: str,
         note: Callable[[str], str | None] = lambda _: None,
-    ) -> tuple[int, str]:
-        """Run a program with its output in the log; return exit code and output.
+    ) -> None:
+        """Run a program with its output in the log, and say every few seconds what it does.
 
         Args:
             command: Program and arguments.
             environment: All environment variables of the program.
-            note: Function that returns the progress text for a line of output; None for no change.
+            doing: What the program does at first, for messages.
+            note: Function that returns what it does after a line of output; None for no change.
+
+        Raises:
+            SetupError: The program failed; the message explains its output.
         """
         words = [str(word) for word in command]
-        output = []
+        output: list[str] = []
+        begun = shown = time.monotonic()
+        progress = doing
         with open(self.workspace.log, "a", errors="replace") as log:
             log.write("$ {}\n".format(" ".join(words)))
             log.flush()
-            # The child inherits the lock. If this process is killed, the child gets SIGTERM, and
-            # the next start waits for its end before it changes the same folders.
+            # The child inherits the lock. If this process is killed, the next start waits for the
+            # end of the child before it changes the same folders.
             with subprocess.Popen(
                 words,
                 env=environment,
@@ -60,27 +76,22 @@ class Steps:
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.PIPE,
                 stderr=subprocess.STDOUT,
-                universal_newlines=True,
-                errors="replace",
                 pass_fds=[self.lock] if self.lock is not None else [],
-                preexec_fn=_end_with_parent,  # noqa: PLW1509 - there is one thread
             ) as program:
+                assert program.stdout  # a pipe
                 try:
-                    for line in program.stdout or ():
+                    for line in _lines(program.stdout):
                         log.write(line)
                         output.append(line)
-                        self.show(note(line.rstrip()))
+                        progress = note(line.rstrip()) or progress
+                        if time.monotonic() - shown >= _PAUSE:
+                            shown = time.monotonic()
+                            say(f"  {progress}, {shown - begun:.0f} s")
                 except BaseException:
                     program.terminate()
                     raise
-                finally:
-                    self.show("")
             log.write(f"[exit code {program.returncode}]\n")
-        return program.returncode, "".join(output)
-
-    def show(self, progress: str | None) -> None:
-        """Overwrite the progress line on a terminal; an empty text clears it."""
-        if self.live and progress is not None:
-            width = shutil.get_terminal_size().columns - 1
-            sys.stderr.write("\r\x1b[K" + (progress and "omni:   " + progress)[:width])
-            sys.stderr.flush()
+        if program.returncode:
+            raise failures.SetupError(
+                failures.explain_install("".join(output), self.workspace.log, progress)
+            )

@@ -22,6 +22,9 @@ from setup import workspace as places
 
 SETUP = """
 from setuptools import setup
+from xml.etree import ElementTree
+
+ElementTree.parse("package.xml")
 setup(
     name="omni_bringup", version="0.1.0", packages=["omni_bringup"], zip_safe=False,
     data_files=[
@@ -58,6 +61,7 @@ class Workspace:
         shutil.copy(WORKSPACE / "omni", root / "omni")
         shutil.copytree(WORKSPACE / "setup", root / "setup")
         shutil.copytree(WORKSPACE / "requirements", root / "requirements")
+        (root / "pyproject.toml").write_text("[tool.pytest.ini_options]\n")
         (module / "__init__.py").write_text("")
         (module / "cli.py").write_text(CLI)
         (self.package / "setup.py").write_text(SETUP)
@@ -74,7 +78,7 @@ class Workspace:
 
     @property
     def prefix(self) -> Path:
-        return self.root / "install" / "omni_bringup"
+        return self.root / ".cache" / "install"
 
     @property
     def libraries(self) -> list[Path]:
@@ -87,7 +91,6 @@ class Workspace:
         (venv / "made-by-omni").touch()
         shutil.copy(Path(sys.prefix) / "pyvenv.cfg", venv)
         (venv / "bin" / "python").symlink_to(os.path.realpath(sys.executable))
-        shutil.copy(Path(sys.prefix) / "bin" / "colcon", venv / "bin")
         # All clones import the same files of the libraries, and share their bytecode.
         own = sysconfig.get_path("purelib")
         site = venv / Path(own).relative_to(sys.prefix)
@@ -97,11 +100,12 @@ class Workspace:
         bytecode.mkdir(exist_ok=True)
         (self.root / ".cache").mkdir()
         (self.root / ".cache" / "bytecode").symlink_to(bytecode)
-        workspace = places.Workspace(self.root, None)
-        libraries = [str(venv / "lib")]
-        places.write_stamp(
-            venv, places.environment_identity(workspace), libraries=libraries, made=1
-        )
+        shutil.copy(self.root / "requirements" / "development.lock", venv)
+        places.write_stamp(venv, places.environment_state(places.Workspace(self.root, None)))
+
+    def borrow_uv(self) -> None:
+        (self.root / ".cache").mkdir()
+        (self.root / ".cache" / "uv").symlink_to(WORKSPACE / ".cache" / "uv")
 
     def command(self, *words: str, by: Path | None = None) -> list[str]:
         return [sys.executable, str(by or self.root / "omni"), *words]

@@ -118,16 +118,17 @@ def test_installed_executables_run_despite_the_space(built_once: Workspace) -> N
     assert json.loads(result.stdout)["words"] == ["direct"]
 
 
-def test_a_plain_colcon_build_goes_beside_the_launcher_s(built_once: Workspace) -> None:
+def test_a_colcon_build_disturbs_nothing(built_once: Workspace) -> None:
     environ = json.loads(built_once.start("run").stdout)["env"]
-    colcon = [str(built_once.root / ".venv" / "bin" / "python")]
-    colcon += [str(built_once.root / ".venv" / "bin" / "colcon"), "--log-base", "log", "build"]
+    colcon = [sys.executable, str(Path(sys.executable).with_name("colcon"))]
+    colcon += ["--log-base", "log", "build"]
     result = subprocess.run(
         colcon, cwd=built_once.root, env=environ, capture_output=True, text=True, check=False
     )
     assert result.returncode == 0, result.stderr
     assert built_once.start("run").stderr == ""  # nothing is built again
-    assert (built_once.prefix / "share" / "omni_bringup" / "package.xml").is_file()
+    share = built_once.root / "install" / "omni_bringup" / "share" / "omni_bringup"
+    assert (share / "package.xml").is_file()
 
 
 def test_the_environment_handed_over(built_once: Workspace) -> None:
@@ -141,7 +142,7 @@ def test_the_environment_handed_over(built_once: Workspace) -> None:
     }
     environ = json.loads(built_once.start("run", environ=foreign).stdout)["env"]
     root = built_once.root
-    assert environ["AMENT_PREFIX_PATH"] == f"{root}/install/omni_bringup:{root}/.venv"
+    assert environ["AMENT_PREFIX_PATH"] == f"{root}/.cache/install:{root}/.venv"
     libraries = ":".join(map(str, built_once.libraries))
     assert environ["PYTHONPATH"] == f"{libraries}:/home/me/laws"
     assert environ["LD_LIBRARY_PATH"] == f"{root}/.venv/lib:/opt/mine"

@@ -6,19 +6,17 @@ import contextlib
 import fcntl
 import os
 import re
-import shutil
 import signal
-import subprocess
-import sys
 from pathlib import Path
 from typing import IO
 
 import pytest
 from launcher_workspace import PACKAGE, SETUP, Workspace, assert_one_sentence
-from omni_process import WORKSPACE, wait_until
+from omni_process import WORKSPACE
 
 from setup import failures
 from setup import workspace as places
+from setup.uv import pip_settings, uv_variables
 
 
 def _wait_for(stream: IO[str] | None, word: str) -> str:
@@ -46,74 +44,98 @@ def workspace(bare: Workspace) -> Workspace:
 # ---------------------------------------------------------------- what a machine lacks
 
 
-def test_missing_venv_module_is_named(tmp_path: Path) -> None:
-    python = tmp_path / "python3.12"
-    python.write_text("#!/bin/sh\nexit 1\n")
-    python.chmod(0o755)
-    with pytest.raises(failures.SetupError, match=r"apt install python3\.12-venv"):
-        failures.check_venv_module(str(python))
-    failures.check_venv_module(sys.executable)
-
-
-@pytest.mark.parametrize(
-    ("machine", "part"),
-    [
-        (("Linux", "aarch64", "glibc 2.36", 64), "aarch64"),
-        (("Linux", "x86_64", "glibc 2.27", 64), "glibc 2.27"),
-        (("Linux", "x86_64", "", 64), "another C library"),
-        (("Linux", "x86_64", "glibc 2.36", 32), "32-bit"),
-        (("Darwin", "x86_64", "", 64), "Darwin"),
-    ],
-)
-def test_unsupported_machine_is_named(machine: tuple[str, str, str, int], part: str) -> None:
-    with pytest.raises(failures.SetupError, match=part):
-        failures.check_platform(*machine)
-
-
-def test_supported_machines_pass() -> None:
-    failures.check_platform("Linux", "x86_64", "glibc 2.28", 64)
-    failures.check_platform("Linux", "x86_64", "glibc 3.0", 64)
-
-
-def test_a_full_disk_is_refused_before_anything_is_made(tmp_path: Path) -> None:
-    free = shutil.disk_usage(tmp_path).free
-    with pytest.raises(failures.SetupError, match="make room"):
-        failures.check_space(tmp_path, 2 * free + 1e12)
-
-
 @pytest.mark.parametrize(
     ("output", "part"),
     [
+        ("cause: failed to write to `/a`: No space left on device (os error 28)", "disk is full"),
         ("OSError: [Errno 28] No space left on device", "disk is full"),
+        ("cause: Hash mismatch for `six==1.17.0`", "not the locked one"),
         ("THESE PACKAGES DO NOT MATCH THE HASHES", "not the locked one"),
+        ("not created successfully because ensurepip is not available", "-venv'"),
+        ("No module named venv", "-venv'"),
+        ("error: Failed to initialize cache at `/x/uv`", "UV_CACHE_DIR"),
+        ("cause: invalid peer certificate: UnknownIssuer", "PIP_CERT"),
+        ("cause: tunnel error: failed to create underlying connection", "HTTPS_PROXY"),
+        ("WARNING: Retrying after ProxyError('Cannot connect to proxy.')", "HTTPS_PROXY"),
+        ("error: Failed to fetch: `/six`\n  cause: dns error", "no connection"),
         (
             "WARNING: Retrying after connection broken: Temporary failure in name resolution\n"
             "ERROR: No matching distribution found for numpy==2.4.6",
             "no connection",
         ),
         ("ERROR: No matching distribution found for numpy==2.4.6", "no wheel of numpy==2.4.6"),
-        ("Segmentation fault", "see /log"),
+        ("Because numpy==2.4.6 has no wheels with a matching platform tag", "no wheel of numpy=="),
+        ("Because there is no version of numpy==2.4.6 and you require", "no wheel of numpy=="),
+        ("Segmentation fault", "installing failed: see /log"),
     ],
 )
 def test_failed_installation_is_explained(output: str, part: str) -> None:
-    sentence = failures.explain_install(output, Path("/log"))
+    sentence = failures.explain_install(output, Path("/log"), "installing")
     assert part in sentence
     assert "/log" in sentence
 
 
-def test_no_network_at_first_start(bare: Workspace) -> None:
-    offline = {
-        "PIP_CONFIG_FILE": os.devnull,
-        "PIP_INDEX_URL": "http://127.0.0.1:9/simple",
-        "PIP_EXTRA_INDEX_URL": "",
-        "PIP_FIND_LINKS": "",
-        "PIP_RETRIES": "0",
-    }
-    result = bare.start("run", environ=offline)
+_NOTHING = {"PIP_CONFIG_FILE": os.devnull, "PIP_EXTRA_INDEX_URL": "", "PIP_FIND_LINKS": ""}
+
+
+@pytest.mark.parametrize(
+    ("network", "part"),
+    [
+        ({"PIP_INDEX_URL": "http://127.0.0.1:9/simple"}, "no connection"),
+        ({"PIP_PROXY": "http://127.0.0.1:9"}, "proxy"),
+        ({"PIP_NO_INDEX": "1"}, "no connection"),
+    ],
+)
+def test_no_network_at_first_start(bare: Workspace, network: dict[str, str], part: str) -> None:
+    offline = {**_NOTHING, "PIP_RETRIES": "1", "XDG_CACHE_HOME": str(bare.root / "empty")}
+    result = bare.start("run", environ={**offline, **network})
+    assert_one_sentence(result, part, str(bare.log))
+    # The half-made environment is not taken for a finished one.
+    assert not any(places.ready(places.Workspace(bare.root, None)))
+
+
+def test_uv_meets_the_same_network_as_pip(bare: Workspace, tmp_path: Path) -> None:
+    bare.borrow_uv()
+    unreachable = {"PIP_INDEX_URL": "http://127.0.0.1:9/simple", "PIP_RETRIES": "0", **_NOTHING}
+    cache = {"XDG_CACHE_HOME": str(tmp_path / "empty")}
+    result = bare.start("run", environ={**unreachable, **cache})
     assert_one_sentence(result, "no connection", str(bare.log))
     assert "127.0.0.1" in bare.log.read_text()
-    # The half-made environment is not taken for a finished one.
-    assert not places.environment_ready(places.Workspace(bare.root, None))
+
+    (tmp_path / "in the way").write_text("")
+    unwritable = {"UV_CACHE_DIR": str(tmp_path / "in the way")}
+    result = bare.start("run", environ={**unreachable, **unwritable})
+    assert_one_sentence(result, "UV_CACHE_DIR")
+
+
+def test_uv_uses_the_settings_of_pip() -> None:
+    listing = (
+        ":env:.find-links='/a /b'\n"
+        ":env:.extra-index-url=''\n"
+        "global.extra-index-url='http://127.0.0.1:1/simple'\n"
+        "global.index-url='http://127.0.0.1:2/simple'\n"
+        "global.timeout='15'\n"
+        "install.timeout='60'\n"
+        "download.timeout='99'\n"
+        'global.cert="/it\'s/here.pem"\n'
+        "global.trusted-host='one\\ntwo'\n"
+    )
+    assert uv_variables(pip_settings(listing)) == {
+        "UV_DEFAULT_INDEX": "http://127.0.0.1:2/simple",
+        "UV_FIND_LINKS": "/a,/b",
+        "UV_INSECURE_HOST": "one two",
+        "SSL_CERT_FILE": "/it's/here.pem",
+        "UV_HTTP_TIMEOUT": "60",
+    }
+
+
+def test_groups_of_packages_are_installed_once(workspace: Workspace) -> None:
+    assert (
+        workspace.start("install", "development").stderr.splitlines()[-1].startswith("omni: ready")
+    )
+    again = workspace.start("install", "development")
+    assert (again.returncode, again.stderr) == (0, "")
+    assert_one_sentence(workspace.start("install", "wheel"), "'wheel'", "development", "mujoco")
 
 
 def test_a_folder_that_cannot_be_written(bare: Workspace) -> None:
@@ -164,7 +186,7 @@ def test_an_edit_of_a_module_needs_no_build(workspace: Workspace) -> None:
     assert workspace.log.stat().st_mtime_ns == built
 
 
-def test_what_colcon_installs_is_built_again_when_it_changes(workspace: Workspace) -> None:
+def test_what_a_package_installs_is_built_again_when_it_changes(workspace: Workspace) -> None:
     assert workspace.start("run").returncode == 0
     installed = workspace.prefix / "lib" / "omni_bringup" / "another"
     assert not installed.exists()
@@ -197,7 +219,8 @@ def test_failing_build_names_the_package(workspace: Workspace) -> None:
 
 def test_invalid_manifest_is_refused(workspace: Workspace) -> None:
     (workspace.package / "package.xml").write_text(PACKAGE.replace("<license>", "<licens>"))
-    assert_one_sentence(workspace.start("run"), "package.xml")
+    assert_one_sentence(workspace.start("run"), "omni_bringup", str(workspace.log))
+    assert "package.xml" in workspace.log.read_text()
 
 
 def test_interrupted_and_killed_builds_are_made_up_for(workspace: Workspace) -> None:
@@ -215,34 +238,12 @@ def test_interrupted_and_killed_builds_are_made_up_for(workspace: Workspace) -> 
     assert (workspace.prefix / "lib" / "omni_bringup" / "omni").exists()
 
 
-def test_a_killed_set_up_leaves_no_process_at_work(tmp_path: Path) -> None:
-    (tmp_path / ".cache").mkdir()
-    code = (
-        "import sys; sys.path.insert(0, sys.argv[1])\n"
-        "from pathlib import Path\n"
-        "from setup.steps import Steps\n"
-        "from setup.workspace import Workspace\n"
-        "steps = Steps(Workspace(Path(sys.argv[2]), None), None)\n"
-        "child = 'import os, time; print(os.getpid(), flush=True); time.sleep(600)'\n"
-        "steps.run([sys.executable, '-c', child], {}, print)\n"
-    )
-    command = [sys.executable, "-u", "-c", code, str(WORKSPACE), str(tmp_path)]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
-        assert process.stdout is not None
-        child = Path(f"/proc/{int(process.stdout.readline())}/stat")
-        assert child.exists()
-        process.kill()
-        process.wait(60)
-        # Its new parent process may not have collected its exit code: then it is a zombie.
-        wait_until(lambda: not child.exists() or child.read_text().split()[2] == "Z")
-
-
 def test_a_start_waits_for_another_that_sets_up(workspace: Workspace) -> None:
     with contextlib.ExitStack() as other:
         other.enter_context(workspace.locked(fcntl.LOCK_EX))
         with workspace.background("run") as process:
             _wait_for(process.stderr, "waiting")
-            assert not (workspace.root / "install").exists()
+            assert not workspace.prefix.exists()
             other.close()
             _wait_for(process.stderr, "ready")
             assert process.wait(60) == 0
@@ -250,13 +251,13 @@ def test_a_start_waits_for_another_that_sets_up(workspace: Workspace) -> None:
 
 def test_a_rebuild_waits_for_running_commands(workspace: Workspace) -> None:
     assert workspace.start("run").returncode == 0
-    stamp = (workspace.root / "install" / "omni.json").stat().st_mtime_ns
+    stamp = (workspace.prefix / places.STAMP).stat().st_mtime_ns
     workspace.edit()
     with contextlib.ExitStack() as running:
         running.enter_context(workspace.locked(fcntl.LOCK_SH))
         with workspace.background("run") as process:
             _wait_for(process.stderr, "waiting")
-            assert (workspace.root / "install" / "omni.json").stat().st_mtime_ns == stamp
+            assert (workspace.prefix / places.STAMP).stat().st_mtime_ns == stamp
             # A start from within the running command must not wait for it.
             within = workspace.start("run", environ={"OMNI_RUNNING": str(workspace.root)})
             assert (within.returncode, within.stderr) == (0, "")
@@ -268,14 +269,42 @@ def test_a_rebuild_waits_for_running_commands(workspace: Workspace) -> None:
 # ---------------------------------------------------------------- locks
 
 
-@pytest.mark.parametrize("name", ["wheels", "sourced-ros"])
-def test_locks_are_exact_and_complete(name: str) -> None:
+INPUTS = {
+    "wheels": ["wheels", "shared"],
+    "sourced-ros": ["sourced-ros", "shared"],
+    "development": ["development", "campaign", "parquet"],
+    "campaign": ["campaign"],
+    "parquet": ["parquet"],
+    "installer": ["installer"],
+}
+
+
+def _locked(name: str) -> dict[str, set[str]]:
+    """Return the versions of each package of a lock file, and check its form."""
     lock = (WORKSPACE / "requirements" / f"{name}.lock").read_text()
-    entries = re.findall(r"(?m)^(\S+)==\S+.*\\\n((?:    --hash=sha256:[0-9a-f]{64}.*\n)+)", lock)
+    hashes = r"((?:    --hash=sha256:[0-9a-f]{64}.*\n)+)"
+    entries = re.findall(r"(?m)^(\S+)==(\S+).*\\\n" + hashes, lock)
     assert len(entries) == len(re.findall(r"(?m)^\S", lock))  # every line belongs to an entry
-    locked = {entry[0] for entry in entries}
-    for source in (f"{name}.in", "shared.in"):
-        text = (WORKSPACE / "requirements" / source).read_text()
-        wanted = re.findall(r"(?m)^([A-Za-z][\w-]*)", text)
-        assert {word.lower() for word in wanted} <= locked
     assert "://" not in lock
+    locked: dict[str, set[str]] = {}
+    for package, version, _ in entries:
+        locked.setdefault(package, set()).add(version)
+    return locked
+
+
+@pytest.mark.parametrize("name", INPUTS)
+def test_locks_are_exact_and_complete(name: str) -> None:
+    locked = _locked(name)
+    for source in INPUTS[name]:
+        text = (WORKSPACE / "requirements" / f"{source}.in").read_text()
+        wanted = re.findall(r"(?m)^([A-Za-z][\w-]*)", text)
+        assert {word.lower() for word in wanted} <= set(locked)
+
+
+@pytest.mark.parametrize("name", ["development", "campaign", "parquet"])
+def test_a_group_changes_no_package_of_a_run(name: str) -> None:
+    group = _locked(name)
+    for other in ("wheels", "sourced-ros", "development"):
+        locked = _locked(other)
+        for package in set(group) & set(locked):
+            assert group[package] == locked[package], package

@@ -1,11 +1,16 @@
-"""Import of user classes that a configuration names as ``module:Class`` or by an entry point."""
+"""Import of user classes that a configuration names, as ``module:Class`` or by an entry point.
+
+Also import of packages that only some commands need; the launcher installs them.
+"""
 
 import ast
 import functools
 import importlib
 import importlib.metadata
 import importlib.util
+import os
 import pkgutil
+import subprocess
 import sys
 from collections.abc import Collection
 from pathlib import Path
@@ -169,3 +174,26 @@ def entry_points_of(group: str) -> dict[str, str]:
     """Return what the entry points of a group name, keyed by their names in alphabetical order."""
     found = importlib.metadata.entry_points(group=group)
     return {entry.name: entry.value for entry in sorted(found, key=lambda one: one.name)}
+
+
+def import_optional(module: str, group: str) -> Any:
+    """Return a module; if it is missing, let the launcher install its group of packages first.
+
+    Args:
+        module: name of the module.
+        group: name of the lock file in the folder ``requirements`` of the workspace.
+
+    Raises:
+        ImportError: the module is missing, and no launcher has started this process, or the
+            launcher could not install the group, for which it has printed the reason.
+    """
+    try:
+        return importlib.import_module(module)
+    except ImportError:
+        launcher = Path(os.environ.get("OMNI_WORKSPACE", "."), "omni")
+        # The output of the command itself is not mixed with the messages of the launcher.
+        command = [sys.executable, str(launcher), "install", group]
+        if not launcher.exists() or subprocess.call(command, stdout=sys.stderr):
+            raise
+    importlib.invalidate_caches()
+    return importlib.import_module(module)

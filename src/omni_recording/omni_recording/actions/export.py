@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from omni_core.configuration import InputError, WorkError
+from omni_core.plugins import import_optional
 from omni_recording.decode import DecodeError, MessageDecoder
 from omni_recording.folder import bag_messages, bag_summary, open_bag
 from omni_recording.limits import LIMITS
@@ -193,7 +194,7 @@ def _table_maker(form: str) -> type[_CsvTable] | type[_ParquetTable]:
     if form == "csv":
         return _CsvTable
     try:
-        import pyarrow.parquet  # noqa: F401
+        import_optional("pyarrow.parquet", "parquet")
     except ImportError:
-        raise ExportError("Parquet needs the package pyarrow, which is not installed") from None
+        raise ExportError("Parquet needs the package pyarrow: ./omni install parquet") from None
     return _ParquetTable

@@ -38,7 +38,7 @@ from omni_sim.vehicle.vehicle import Vehicle, VehicleInputError
 from omni_sim.wheel.brake_pressure import press, set_demand
 from omni_sim.wheel.roller_geometry import RollerConfiguration
 
-INSTALL = "./omni exec python -m pip install --no-deps --require-hashes -r requirements/mujoco.lock"
+INSTALL = "./omni install mujoco"
 
 _DAMPING_RATIO = 0.5  # damping ratio of the vehicle on its springs
 _SOFTNESS = 0.002  # time constant of contacts and of the brakes' friction [s]

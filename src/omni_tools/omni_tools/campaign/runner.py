@@ -40,6 +40,7 @@ from typing import Any, Generic, TypeVar, get_type_hints
 from omni_core import configuration
 from omni_core.commands.command_options import option
 from omni_core.configuration import Configuration, ConfigurationError, parameter, to_mapping
+from omni_core.plugins import import_optional
 from omni_tools.campaign.cost import timed
 from omni_tools.campaign.processes import WorkerDiedError, share
 
@@ -247,12 +248,14 @@ def connected(scheduler: str, timeout: float = 10.0) -> Any:
         timeout: limit on the time to wait for an answer of the scheduler [s].
 
     Raises:
-        ConfigurationError: no scheduler answers at the address.
+        ConfigurationError: no scheduler answers at the address, or Dask is not installed.
     """
-    from distributed import Client  # this import takes a second
-
     try:
-        return Client(scheduler, timeout=timeout)
+        client = import_optional("distributed", "campaign").Client  # this import takes a second
+        return client(scheduler, timeout=timeout)
+    except ImportError:
+        remedy = "needs the package distributed, which is not installed: ./omni install campaign"
+        raise ConfigurationError("--scheduler", remedy) from None
     except (OSError, ValueError) as error:
         raise ConfigurationError("--scheduler", f"{scheduler}: {error}") from None
 

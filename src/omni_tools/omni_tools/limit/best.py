@@ -81,11 +81,7 @@ def load_casadi() -> Any:
     try:
         return importlib.import_module("casadi")
     except ImportError as error:
-        raise ConfigurationError(
-            "--best",
-            "needs CasADi: ./omni exec python -m pip install --no-deps --require-hashes "
-            "-r requirements/casadi.lock",
-        ) from error
+        raise ConfigurationError("--best", "needs CasADi: ./omni install casadi") from error
 
 
 class Transcription(NamedTuple):

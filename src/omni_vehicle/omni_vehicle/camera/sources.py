@@ -16,7 +16,7 @@ from omni_vehicle.camera.configuration import CameraConfiguration
 
 VIDEOS = (".avi", ".mp4", ".mkv", ".mov", ".m4v")
 
-INSTALL = "./omni exec python -m pip install --no-deps --require-hashes -r requirements/{}.lock"
+INSTALL = "./omni install {}"
 """Command that installs an optional library; the placeholder is the name of its lock file."""
 
 _RAW = ("GRAY", "Y8  ", "Y10 ", "Y12 ", "Y16 ")  # V4L2 formats that are not converted to color
