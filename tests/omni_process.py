@@ -11,12 +11,14 @@ import tempfile
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import redirect_stderr, redirect_stdout
+from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Any
 from unittest import mock
 
 from omni_bringup.cli import main
 from omni_core.commands.exit_codes import ExitCode
+from omni_ros.start import NODES
 
 WORKSPACE = Path(__file__).resolve().parents[1]
 RUN_TIMEOUT = 240.0  # [s] a run takes seconds; this only ends one that hangs
@@ -141,8 +143,13 @@ def processes_of(package: str, session_of: int, executable: str = "") -> list[in
         session_of: ID of the bring-up process.
         executable: start of the file name; empty for every executable of the package.
     """
+    names = {
+        entry.name[:15]  # the kernel keeps 15 characters
+        for entry in entry_points(group=NODES)
+        if entry.module.startswith(f"{package}.") and entry.name.startswith(executable)
+    }
     return [
         pid
         for pid in node_processes(session_of)
-        if f"/lib/{package}/{executable}" in Path(f"/proc/{pid}/cmdline").read_text()
+        if Path(f"/proc/{pid}/comm").read_text().strip() in names
     ]

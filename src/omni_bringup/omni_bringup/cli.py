@@ -228,7 +228,8 @@ class _Parser(argparse.ArgumentParser):
     def error(self, message: str) -> NoReturn:
         found = re.match(r"unrecognized arguments: (--[^ =]+)", message)
         if found:
-            message += configuration.did_you_mean(found[1], self._option_string_actions)
+            options = re.findall(r"--[\w-]+", self.format_usage())
+            message += configuration.did_you_mean(found[1], options)
         super().error(configuration.shortened(message))
 
     def exit(self, status: int = 0, message: str | None = None) -> NoReturn:

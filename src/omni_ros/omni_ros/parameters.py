@@ -59,7 +59,7 @@ def refuse_unknown_parameters(node: Node) -> None:
     for name in _given(node):
         known = node.has_parameter(name) or name in _OF_RCLPY or name.startswith(_OF_RCLPY_BELOW)
         if not known:
-            names = [key for key in node._parameters if key not in _OF_RCLPY]
+            names = [key for key in node.get_parameters_by_prefix("") if key not in _OF_RCLPY]
             hint = declared.did_you_mean(name, names)
             raise ConfigurationError(name, f"is not a parameter of {node.get_name()}{hint}")
 

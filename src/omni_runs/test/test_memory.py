@@ -65,7 +65,7 @@ def test_a_run_with_lines_is_freed_without_a_garbage_collection(
     alone: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv(background.ALONE, alone)
-    background._queue.cache_clear()
+    background._thread.cache_clear()
     configuration = LIBRARY.load("small_stop", "assisted")
     enable = np.ones(len(configuration.vehicle.wheels))
 
@@ -86,5 +86,5 @@ def test_a_run_with_lines_is_freed_without_a_garbage_collection(
     finally:
         gc.set_debug(0)
         gc.garbage.clear()
-        background._queue.cache_clear()
+        background._thread.cache_clear()
     assert not modules & {"omni_sim", "linescan_odometry", "omni_runs"}

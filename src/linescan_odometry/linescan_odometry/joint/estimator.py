@@ -8,7 +8,7 @@ import numpy as np
 from linescan_odometry.joint import candidates, spectra
 from linescan_odometry.joint.fit import Fit, assess, scatter
 from linescan_odometry.joint.likelihood import Expansion, expand, observe, window, without
-from linescan_odometry.matching.transforms import load_transforms, transform_size
+from linescan_odometry.matching.transforms import transform_size
 from linescan_odometry.measurements import Displacement, Unmeasured
 from linescan_odometry.plausibility import Plausibility
 from omni_core.kernels import kernel
@@ -109,7 +109,6 @@ class JointEstimator:
                 relative to the gray level [1].
             pattern: fixed pattern from an earlier run, or None.
         """
-        load_transforms()
         self._limit = limit
         self._size = int(transform_size(2 * sensor.pixels))  # no shift wraps around
         bins = int(spectra.HIGHEST * self._size)

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from linescan_odometry.matching.direct import correlation, running_sums
-from linescan_odometry.matching.transforms import load_transforms, transform_size
+from linescan_odometry.matching.transforms import transform_size
 from omni_core.kernels import declares, kernel
 from omni_core.signals import Lines
 
@@ -55,7 +55,6 @@ class PearsonSearch:
 
     def __init__(self, limit: int) -> None:
         """Create a search over shifts within +/- `limit` [px]."""
-        load_transforms()
         self._limit = limit
 
     def reset(self) -> None:

@@ -1,24 +1,6 @@
-"""Fourier transforms in compiled kernels."""
-
-import sys
+"""Sizes of Fourier transforms."""
 
 from omni_core.kernels import lean
-
-
-def load_transforms() -> None:
-    """Enable numpy.fft in kernels; must be called before the first kernel that uses it.
-
-    rocket_fft would also enable scipy.fft, whose import takes 0.1 s, so scipy.fft is hidden while
-    rocket_fft is imported.
-    """
-    hidden = "scipy.fft" not in sys.modules
-    if hidden:
-        sys.modules["scipy.fft"] = None  # type: ignore[assignment]
-    try:
-        import rocket_fft  # noqa: F401
-    finally:
-        if hidden:
-            del sys.modules["scipy.fft"]
 
 
 @lean

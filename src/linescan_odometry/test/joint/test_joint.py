@@ -16,7 +16,6 @@ from linescan_odometry.joint.estimator import JointEstimator
 from linescan_odometry.joint.fit import _moved, assess, scatter
 from linescan_odometry.joint.likelihood import Expansion, expand, whiten
 from linescan_odometry.joint.spectra import shrink, without_defects
-from linescan_odometry.matching.transforms import load_transforms
 from linescan_odometry.odometry import LineScanOdometry
 from linescan_odometry.sensor import SensorOdometry
 from omni_core.sensors import LineSensor, sensor_matrix
@@ -167,7 +166,6 @@ def scores_sideways(
 
 def expanded(displacement: float) -> tuple[Any, Expansion]:
     """Return lines in motion across the axis, and the expansion at a displacement [px]."""
-    load_transforms()
     logs = np.log(sideways(3, 1.7, 0.9, 20.0, {3.0: 1.0})).astype(np.float32)
     return logs, expand(logs, np.zeros(307), np.array([displacement, 0.0]), PIXELS // 2, CHANGE)
 

@@ -31,7 +31,6 @@ from typing import IO, Any, ForwardRef, get_type_hints
 import numpy as np
 from numba.core.caching import FunctionCache, IndexDataCacheFile
 from numba.core.dispatcher import Dispatcher
-from numba.core.extending import _Intrinsic
 from numba.core.runtime import rtsys
 
 from omni_core.compilation import calls
@@ -224,8 +223,6 @@ def _describe(value: Any, callees: list[FunctionType]) -> str:  # noqa: PLR0911
         callees.append(value.py_func)
         options = _describe(value.targetoptions, callees)
         return f"{value.py_func.__qualname__} {options} {value in linked_kernels}"
-    if isinstance(value, _Intrinsic):
-        value = value._defn
     if isinstance(value, FunctionType):
         module = value.__module__
         if module.partition(".")[0] not in _LIBRARIES:

@@ -182,14 +182,6 @@ def test_of_two_processes_one_compiles_a_kernel(folder: Path) -> None:
     ]
 
 
-def test_reference_counts_are_compiled_only_for_a_new_kernel(folder: Path) -> None:
-    count = "\nfrom numba.core.runtime import rtsys\nprint(rtsys._library.cache_info().currsize)"
-    assert call(folder, CALL + count)[-1] == "0"
-    path = folder / "shared.py"
-    path.write_text(path.read_text().replace("2.0 * x", "16.0 * x"))
-    assert call(folder, CALL + count)[-1] == "1"
-
-
 @linked
 @kernel
 def _root(x: float) -> float:

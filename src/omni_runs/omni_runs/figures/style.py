@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import matplotlib
-from matplotlib import artist
 
 from omni_core.configuration import ConfigurationError
 from omni_runs.history import RunHistory
@@ -21,10 +20,6 @@ from omni_runs.history import RunHistory
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-
-# The documentation of all properties of each class would take half of matplotlib's import time.
-setattr(artist, "kwdoc", lambda _: "")  # noqa: B010
-setattr(artist.Artist, "_update_set_signature_and_docstring", lambda: None)  # noqa: B010
 
 ORANGE, SKY, GREEN = "#E69F00", "#56B4E9", "#009E73"
 BLUE, VERMILLION, PURPLE = "#0072B2", "#D55E00", "#CC79A7"

@@ -1,118 +1,67 @@
 """Start of nodes as forks of a process that has already imported their modules.
 
-The imports take half a second of CPU time in each node. The fork server imports the modules of all
-nodes when it starts, and forks itself for every start of a node. The node becomes a child of the
-requesting process. It has its own process group, arguments, environment and streams, and `ps` shows
-it by its executable, as if ``ros2 run`` had started it. Executables that are not nodes of this
-workspace are started as new programs instead.
+The imports take half a second of CPU time in each node. The fork server of `multiprocessing`
+imports the modules of all nodes once, and forks itself for every start of a node. A forked node has
+its own process group, arguments, environment and streams, and ``ps -e`` and ``pgrep`` show the name
+of its executable. Executables that are not nodes of this workspace are started as new programs.
 """
 
-import contextlib
-import ctypes
 import functools
-import gc
-import importlib
-import inspect
-import json
+import multiprocessing
 import os
-import socket
-import subprocess
 import sys
-import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from importlib.metadata import entry_points
+from multiprocessing import forkserver, reduction
+from multiprocessing.context import ForkServerProcess
 from pathlib import Path
+from types import ModuleType
 from typing import Any
+from unittest import mock
 
-from omni_core.configuration import WorkError
-from omni_ros.environment import REPORT_VARIABLE
-from omni_ros.start import NODES, start_lightly, start_node
+from omni_ros.environment import PARENT_PID_VARIABLE, REPORT_VARIABLE
+from omni_ros.start import NODES, start_node
 
-_LIBC = ctypes.CDLL(None)
-_PR_SET_NAME, _PR_SET_CHILD_SUBREAPER = 15, 36  # <linux/prctl.h>
-_LONGEST_REQUEST = 1 << 20  # bytes; requests with their environments are shorter
-_COMMAND_LENGTH = 2000  # bytes reserved for the command that `ps` shows
-_IMPORTED_LATE = ("numpy.ma", "rosbags.typesys.stores.ros2_jazzy")  # by nodes in their work
 # Variables that Python reads only at its start: if they differ, a node is not forked.
 _READ_AT_START = ("LD_LIBRARY_PATH", "NUMBA_CACHE_DIR", "PYTHONPATH")
 
 
-class ForkServer:
-    """Interface of this process to its fork server, which ends together with this process."""
-
-    def __init__(self, environment: Mapping[str, str]) -> None:
-        self._socket, other = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-        module = [sys.executable, "-u", "-m", __name__]
-        with other:
-            subprocess.Popen(
-                [*module, str(other.fileno()), "-" * _COMMAND_LENGTH],
-                env=environment,
-                pass_fds=(other.fileno(),),
-                stdin=subprocess.DEVNULL,
-                stdout=subprocess.DEVNULL,
-                preexec_fn=os.setpgrp,  # noqa: PLW1509 (process_group= came with Python 3.11)
-            )
-
-    def start(
-        self, command: Sequence[str], environment: Mapping[str, str], descriptors: Sequence[int]
-    ) -> int:
-        """Start a program as a child of this process and return its process ID.
-
-        Args:
-            command: path of an executable, and arguments.
-            environment: environment variables; `REPORT_VARIABLE` is added.
-            descriptors: file descriptors for standard input, output, error, and reports.
-
-        Raises:
-            WorkError: the server has ended.
-        """
-        request = {"command": command, "environment": {**environment}, "folder": os.getcwd()}
-        with _adopting_orphans():
-            socket.send_fds(self._socket, [json.dumps(request).encode()], descriptors)
-            answer = self._socket.recv(32)
-        if not answer:
-            raise WorkError("the process that starts the nodes was ended")
-        return int(answer)
+@functools.cache
+def start_fork_server() -> None:
+    """Start the fork server, which ends together with this process and its nodes."""
+    multiprocessing.set_forkserver_preload(["omni_runs.graph.preloaded"])
+    with mock.patch.dict(os.environ, {PARENT_PID_VARIABLE: str(os.getpid())}):
+        forkserver.ensure_running()
 
 
-@contextlib.contextmanager
-def _adopting_orphans() -> Iterator[None]:
-    """Make this process, instead of init, the parent of descendants whose parent ends."""
-    _LIBC.prctl(_PR_SET_CHILD_SUBREAPER, 1)
-    try:
-        yield
-    finally:
-        _LIBC.prctl(_PR_SET_CHILD_SUBREAPER, 0)
+def start_process(
+    command: Sequence[str], environment: Mapping[str, str], descriptors: Sequence[int]
+) -> ForkServerProcess:
+    """Start a program.
+
+    Args:
+        command: path of an executable, and arguments.
+        environment: environment variables; `REPORT_VARIABLE` and `PARENT_PID_VARIABLE` are added.
+        descriptors: file descriptors for standard input, output, error, and reports.
+    """
+    start_fork_server()
+    arguments = (list(command), dict(environment), _Descriptors(descriptors))
+    process = ForkServerProcess(target=_become, args=arguments)
+    # The program must not run the main module of this process, as processes of multiprocessing do.
+    with mock.patch.dict(sys.modules, {"__main__": ModuleType("__main__")}):
+        process.start()
+    return process
 
 
-def serve(connection: socket.socket) -> None:
-    """Serve as the fork server: start the requested programs until the requesting process ends."""
-    before = dict(os.environ)
-    for name in (*(entry.module for entry in entry_points(group=NODES)), *_IMPORTED_LATE):
-        with contextlib.suppress(Exception):  # the node itself reports the error
-            importlib.import_module(name)
-    inspect.getframeinfo(sys._getframe())  # finds the files of all modules, as the first log does
-    gc.freeze()
-    while True:
-        data, descriptors, _, _ = socket.recv_fds(connection, _LONGEST_REQUEST, 4)
-        if not data:
-            return
-        request = json.loads(data)
-        changed = any(request["environment"].get(v) != before.get(v) for v in _READ_AT_START)
-        module = None if changed else node_module(Path(request["command"][0]))
-        parent = os.fork()
-        if parent == 0:
-            parent = os.getpid()
-            if os.fork() == 0:  # an orphan as soon as `parent` ends
-                while os.getppid() == parent:
-                    time.sleep(0.0005)
-                connection.send(str(os.getpid()).encode())
-                connection.close()
-                _become(request, descriptors, module)
-            os._exit(0)
-        os.waitpid(parent, 0)
-        for descriptor in descriptors:
-            os.close(descriptor)
+class _Descriptors(list[int]):
+    """File descriptors that the started process receives."""
+
+    def __reduce__(self) -> Any:
+        return _received, tuple(map(reduction.DupFd, self))
+
+
+def _received(*descriptors: Any) -> list[int]:
+    return [descriptor.detach() for descriptor in descriptors]
 
 
 @functools.cache
@@ -125,41 +74,22 @@ def node_module(executable: Path) -> str | None:
     return None
 
 
-def _become(request: dict[str, Any], descriptors: Sequence[int], module: str | None) -> None:
-    """Run the requested program in this process, which is a new fork of the server.
-
-    Args:
-        request: command, folder and environment of the program.
-        descriptors: file descriptors for standard input, output, error, and reports.
-        module: module of the node; None to start the command as a new program.
-    """
+def _become(command: list[str], environment: dict[str, str], descriptors: list[int]) -> None:
+    """Run a program in this process, which is a new fork of the server; arguments as above."""
     os.setpgid(0, 0)
-    for number, descriptor in enumerate(descriptors[:3]):
+    # The streams of the server stay open in no node, so that the server ends with its parent.
+    for number, descriptor in enumerate(descriptors):
         os.dup2(descriptor, number)
-    reports = descriptors[3]
+    reports = len(descriptors) - 1
+    os.closerange(reports + 1, os.sysconf("SC_OPEN_MAX"))
     os.set_inheritable(reports, True)
-    command = request["command"]
+    changed = any(environment.get(name) != os.environ.get(name) for name in _READ_AT_START)
     os.environ.clear()
-    os.environ.update(request["environment"], **{REPORT_VARIABLE: str(reports)})
-    os.chdir(request["folder"])
+    os.environ.update(environment)
+    os.environ.update({REPORT_VARIABLE: str(reports), PARENT_PID_VARIABLE: str(os.getppid())})
+    module = None if changed else node_module(Path(command[0]))
     if module is None:
         os.execve(command[0], command, os.environ)
-    _show(command)
+    Path("/proc/self/comm").write_text(Path(command[0]).name)
     sys.argv, sys.path[0] = command, str(Path(command[0]).parent)
     start_node(module)
-
-
-def _show(command: Sequence[str]) -> None:
-    """Make `ps` and `pkill` show this command instead of the server's command."""
-    # Fields 48 and 49 of proc(5) are the addresses of the first and the last argument's end.
-    fields = Path("/proc/self/stat").read_text().rpartition(")")[2].split()
-    start, end = int(fields[45]), int(fields[46])
-    words = "\0".join((sys.executable, *command)).encode()[: end - start - 1]
-    ctypes.memset(start, 0, end - start)
-    ctypes.memmove(start, words, len(words))
-    _LIBC.prctl(_PR_SET_NAME, Path(command[0]).name.encode())
-
-
-if __name__ == "__main__":
-    start_lightly()
-    serve(socket.socket(fileno=int(sys.argv[1])))

@@ -2,7 +2,6 @@
 
 import contextlib
 import dataclasses
-import functools
 import json
 import os
 import re
@@ -15,8 +14,7 @@ from pathlib import Path
 from typing import IO, Any
 
 from omni_core.configuration import WorkError
-from omni_ros.environment import PARENT_PID_VARIABLE
-from omni_runs.graph.fork_server import ForkServer
+from omni_runs.graph.fork_server import start_process
 
 _COLORS = re.compile(r"\x1b\[[0-9;]*m")  # colors of DDS messages
 
@@ -69,7 +67,6 @@ class RunningProcess:
 
     Attributes:
         node: description of the node.
-        pid: process ID.
     """
 
     def __init__(
@@ -91,47 +88,45 @@ class RunningProcess:
             # Each node has its own process group. Ctrl-C then reaches only this process, which ends
             # the nodes in order. The nodes stay in the session: if this process dies, the kernel
             # sends SIGHUP and SIGCONT to a halted node, which then ends.
-            self.pid = fork_server().start(command, {**environment, **shown}, streams)
+            self._process = start_process(command, {**environment, **shown}, streams)
         self._read_until = 0
         self._halted = False
         self._running_at = time.monotonic()  # time of the last check without a halt [s]
-        self._returncode: int | None = None
+
+    @property
+    def pid(self) -> int:
+        """Process ID."""
+        assert self._process.pid is not None  # it has been started
+        return self._process.pid
 
     @property
     def returncode(self) -> int | None:
         """Exit code, negative for a signal; None while the process runs."""
-        if self._returncode is None and (ended := os.waitpid(self.pid, os.WNOHANG))[0]:
-            self._returncode = os.waitstatus_to_exitcode(ended[1])
-        return self._returncode
+        return self._process.exitcode
 
-    @property
-    def is_halted(self) -> bool:
-        """Whether the process is halted at present by a signal such as SIGSTOP."""
+    def note_halt(self) -> bool:
+        """Return whether a signal such as SIGSTOP halts the process at present; remember a halt."""
         try:
             state = Path(f"/proc/{self.pid}/stat").read_text()
         except OSError:  # it has ended
             return False
-        return state.rpartition(")")[2].split()[0] == "T"
+        halted = state.rpartition(")")[2].split()[0] == "T"
+        self._halted |= halted
+        return halted
 
     def raise_if_halted(self, longest: float = 5.0) -> None:
         """Raise `ProcessError` if a signal has halted the process for more than `longest` [s]."""
         now = time.monotonic()
-        self._note_halts()  # not readable after the process has ended
-        if not self.is_halted:
+        if not self.note_halt():
             self._running_at = now
         if now - self._running_at > longest:
             raise ProcessError(f"{self.node.name} was halted by a signal")
 
     @property
     def was_halted(self) -> bool:
-        """Whether the process is, or was at any time, halted by a signal such as SIGSTOP."""
-        self._note_halts()
+        """Whether the process is, or was at any call of `note_halt`, halted by a signal."""
+        self.note_halt()
         return self._halted
-
-    def _note_halts(self) -> None:
-        with contextlib.suppress(ChildProcessError):  # it has ended
-            events = os.WSTOPPED | os.WCONTINUED | os.WNOHANG
-            self._halted |= os.waitid(os.P_PID, self.pid, events) is not None
 
     def new_reports(self) -> list[dict[str, Any]]:
         """Return the reports (`environment.report`) of the process since the last call."""
@@ -158,7 +153,7 @@ class RunningProcess:
 
         After a second request, a node no longer waits for acknowledgments of its subscribers.
         """
-        self._note_halts()  # read now, because SIGCONT would clear this state
+        self.note_halt()  # read now, because SIGCONT would clear this state
         self.signal(signal.SIGTERM)
         self.signal(signal.SIGCONT)  # a halted process could not end
 
@@ -174,18 +169,12 @@ class RunningProcess:
         """
         deadline = time.monotonic() + self._stop_timeout
         while self.returncode is None and time.monotonic() < deadline:
-            self._note_halts()
+            self.note_halt()
             time.sleep(0.02)
         self.signal(signal.SIGKILL)
         while self.returncode is None:
             time.sleep(0.001)
         return self.returncode
-
-
-@functools.cache
-def fork_server() -> ForkServer:
-    """Return the fork server of this process, which ends together with this process."""
-    return ForkServer({**os.environ, PARENT_PID_VARIABLE: str(os.getpid())})
 
 
 def _read_from(file: IO[bytes], offset: int) -> bytes:
@@ -207,7 +196,7 @@ class ProcessGroup:
 
     def __init__(self, environment: Mapping[str, str], stop_timeout: float = 12.0) -> None:
         self._stop_timeout = stop_timeout
-        self._environment = {**environment, PARENT_PID_VARIABLE: str(os.getpid())}
+        self._environment = environment
         self.running: list[RunningProcess] = []
 
     def __enter__(self) -> "ProcessGroup":
@@ -252,12 +241,13 @@ class ProcessGroup:
             process.stop()
 
     def raise_if_ended(self, besides: RunningProcess | None = None) -> None:
-        """If a process has ended, raise `ProcessError` with its error output.
+        """If a process has ended, raise `ProcessError` with its error output; note its halts.
 
         Args:
             besides: process that is not checked, because the caller waits for its end.
         """
         for process in self.running:
+            process.note_halt()
             if process is not besides and process.returncode is not None:
                 raise ProcessError(describe_end(process))
 

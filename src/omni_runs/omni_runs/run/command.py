@@ -70,7 +70,7 @@ class Options(LoopOptions, CommandOptions):
 
 def run(options: Options, workspace: ExperimentWorkspace) -> command_report.Report:
     """Check the configuration, make the folder, run every variant, draw the figures, report."""
-    from omni_runs.graph.process_group import fork_server
+    from omni_runs.graph.fork_server import start_fork_server
 
     if any(map(is_swept, options.changes)):
         from omni_runs.sweep.command import run_sweep
@@ -80,7 +80,7 @@ def run(options: Options, workspace: ExperimentWorkspace) -> command_report.Repo
             raise ConfigurationError(option, "a sweep runs in one process, without nodes")
         runs = _checked_configurations(options, workspace.checked_experiments())
         return run_sweep(options, runs, workspace)
-    fork_server()  # imports the modules of the nodes while the configurations are checked
+    start_fork_server()  # imports the modules of the nodes while the configurations are checked
     runs = _checked_configurations(options, workspace.experiment_library())
     configurations = {variant: configuration for variant, _, configuration in runs}
     folder = _result_folder(options, workspace)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 import glob
 import os
@@ -193,9 +194,9 @@ def test_it_is_remembered_that_a_process_was_halted(prefix: Path) -> None:
         process = start_and_wait(group, prefix, "calm", ASKED + "while not asked: time.sleep(0.01)")
         before = process.was_halted
         process.signal(signal.SIGSTOP)
-        wait_until(lambda: process.is_halted)
+        wait_until(process.note_halt)
         process.signal(signal.SIGCONT)
-        wait_until(lambda: not process.is_halted)
+        wait_until(lambda: not process.note_halt())
         assert (before, process.was_halted) == (False, True)
     assert process.was_halted
 
@@ -272,16 +273,17 @@ def test_reports_come_complete_and_apart_from_standard_output(prefix: Path) -> N
 def test_an_interruption_while_the_group_ends_is_not_lost(prefix: Path) -> None:
     # The node signals the process that ends it, and ends a moment later.
     body = """
-import os, signal, time
+import os, signal, sys, time
 def leave(*_):
-    os.kill(os.getppid(), signal.SIGINT)
+    os.kill(int(sys.argv[1]), signal.SIGINT)
     raise SystemExit
 signal.signal(signal.SIGTERM, leave)
 print("up", flush=True)
 while True:
     signal.pause()
 """
-    node = add_program(prefix, "avenger", body)
+    program = add_program(prefix, "avenger", body)
+    node = dataclasses.replace(program, arguments=(str(os.getpid()),))
 
     def one_run() -> None:
         with ProcessGroup(dict(os.environ)) as group:
@@ -314,7 +316,7 @@ def test_a_node_that_is_halted_while_the_graph_starts_is_named(
         monkeypatch.setattr(RunningProcess, "raise_if_halted", at_once)
         next(steps)  # all processes run
         odometry.signal(signal.SIGSTOP)
-        wait_until(lambda: odometry.is_halted)
+        wait_until(odometry.note_halt)
         with pytest.raises(ProcessError, match="odometry was halted by a signal"):
             next(steps)
 

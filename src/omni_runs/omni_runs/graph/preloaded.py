@@ -1,0 +1,23 @@
+"""Modules of the nodes, imported by the process from which nodes are forked; import it only there.
+
+An error of an import is ignored here, since the node itself reports it.
+"""
+
+import contextlib
+import gc
+import importlib
+import inspect
+import os
+from importlib.metadata import entry_points
+
+from omni_ros.start import NODES, start_lightly
+
+_IMPORTED_LATE = ("numpy.ma", "rosbags.typesys.stores.ros2_jazzy")  # by nodes in their work
+
+os.setpgrp()  # Ctrl-C reaches only the process that ends the nodes
+start_lightly()
+for _name in (*(entry.module for entry in entry_points(group=NODES)), *_IMPORTED_LATE):
+    with contextlib.suppress(Exception):
+        importlib.import_module(_name)
+inspect.getframeinfo(inspect.currentframe())  # type: ignore[arg-type] # finds the files of modules
+gc.freeze()
