@@ -25,13 +25,16 @@ base_link.
 
 To make their likelihoods comparable, all hypotheses explain the same readings. A reading of a
 faulty source is modeled as a random walk from the last reading, whose steps are as large as the
-vehicle's motion allows. A wheel is modeled as a mixture of rolling, sliding, locked and a faulty
-encoder. The prior probabilities of these cases depend on the state of the brake. The slip of a
-released wheel only falls. While the slip of a braked wheel changes slowly, it falls at least by the
-same share as the torque of the brake. The probability of each hypothesis, and the probabilities of
-faulty encoders under it, are updated by Bayes' rule with a constant transition probability (Blom
-and Bar-Shalom 1988). These probabilities alone decide which source is isolated and when it
-recovers.
+vehicle's motion allows, or as their mean square over the last 0.1 s, if this is larger. An error
+that changes its sign at every reading has a mean of 0, but such a large mean square. A wheel is
+modeled as a mixture of rolling, sliding, locked and a faulty encoder. The prior probabilities of
+these cases depend on the state of the brake. The slip of a released wheel only falls. A rim slows
+down no faster than its brake can stop it; this limit is used only with the law `allocation`, whose
+configuration describes brakes and wheels. While the slip of a braked wheel changes slowly, it falls
+at least by the same share as the torque of the brake. The probability of each hypothesis, and the
+probabilities of faulty encoders under it, are updated by Bayes' rule with a constant transition
+probability (Blom and Bar-Shalom 1988). These probabilities alone decide which source is isolated
+and when it recovers.
 
 The filter of the most probable hypothesis gives the estimate. A component of a fused twist replaces
 the same component of the estimate if it has a smaller variance. No estimate exists in three cases:

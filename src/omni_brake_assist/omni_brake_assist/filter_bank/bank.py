@@ -10,7 +10,6 @@ from omni_core.kernels import lean
 from omni_core.quantities import FloatArray
 from omni_core.signals import VALID, TwistSample
 
-_RESTART_NS = 100_000_000  # shortest time between two restarts of the filter with all sources [ns]
 _UNSUPPORTED = 0.2  # limit on the time without a rolling released wheel if there is no twist [s]
 _MIXING_TIME = 0.5  # time constant with which the other filters follow the best one, pedal up [s]
 
@@ -110,7 +109,7 @@ def _restart(memory: BankMemory, now_ns: int) -> None:
     record = memory.record[0]
     if record.best in (bank.ALL, bank.NO_ESTIMATE):
         record.restart_ns = now_ns
-    elif now_ns - record.restart_ns > _RESTART_NS:
+    elif now_ns - record.restart_ns > bank.WINDOW_NS:
         record.restart_ns = now_ns
         for i in range(memory.rim.size):
             memory.faulty[bank.ALL, i] = memory.faulty[record.best, i]

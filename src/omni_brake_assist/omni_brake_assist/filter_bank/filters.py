@@ -5,9 +5,10 @@ For each source, the functions compute the prediction, the innovation, its varia
 the faulty source (see `state`). Gyro and twist are fused only if their test ratio is at most 1; the
 twist of a vehicle without an IMU is always fused. The module `wheels` fuses the wheel speeds.
 
-A reading of a faulty gyro or twist is modeled as a random walk from the last reading, with steps as
-large as the vehicle's motion allows. The likelihoods of hypotheses with and without the source are
-thus comparable.
+A reading of a faulty gyro or twist is modeled as a random walk from the last reading. The variance
+of its steps is the larger of two: what the vehicle's motion allows, and the measured mean square of
+the changes of the reading over `WINDOW_NS`. The likelihoods of hypotheses with and without the
+source are thus comparable, also if the error changes its sign at every reading.
 """
 
 import math
@@ -151,6 +152,22 @@ def correct(
 
 
 @lean
+def _measure_spread(memory: bank.BankMemory, j: int, dt: float, change: float) -> None:
+    """Update the mean square of the changes of a reading, `BankMemory.spread`.
+
+    Without an IMU it remains 0, because the input gate then limits the changes of the twist.
+
+    Args:
+        memory: memory of the bank, changed in place.
+        j: index of the reading in `BankMemory.spread`.
+        dt: time since the last reading [s].
+        change: newest change of the reading [unit of the reading].
+    """
+    share = 1.0 - math.exp(-dt * 1e9 / bank.WINDOW_NS) if memory.record[0].equipped else 0.0
+    memory.spread[j] += share * (change**2 - memory.spread[j])
+
+
+@lean
 def fuse_gyro(
     constants: bank.BankConstants, memory: bank.BankMemory, dt: float, rate: float
 ) -> None:
@@ -166,7 +183,9 @@ def fuse_gyro(
     # On an overloaded computer, the newest reading may be older than a step.
     late = max(record.held - constants.period, 0.0)
     own = constants.rate**2 + (bank.SHARE * rate) ** 2 + late * constants.turn**2
-    change, weight = rate - record.gyro, new_information(dt, constants.correlation_time)
+    change = rate - record.gyro if math.isfinite(record.gyro) else 0.0
+    weight = new_information(dt, constants.correlation_time)
+    _measure_spread(memory, bank.GYRO, dt, change)
     h[:] = 0.0
     h[RATE] = h[bank.BIAS_RATE] = 1.0
     for k in range(bank.HYPOTHESES):
@@ -175,8 +194,8 @@ def fuse_gyro(
             innovation = rate - memory.state[k, RATE] - memory.state[k, bank.BIAS_RATE]
             total = own + variance_along(memory.covariance[k], h)
         else:
-            innovation = change if math.isfinite(change) else 0.0
-            total = 2.0 * own + dt * constants.turn**2
+            innovation = change
+            total = max(2.0 * own + dt * constants.turn**2, memory.spread[bank.GYRO])
         squared = innovation**2 / total
         memory.evidence[k] -= weight * 0.5 * (min(squared, GATE) + math.log(total))
         if uses and squared <= GATE:
@@ -232,7 +251,8 @@ def _twist_error(
         own += memory.record[0].held * constants.walk**2
     if not _uses_twist(k, j):
         walk = constants.turn if j == RATE else constants.walk
-        return innovation - memory.twist[j], 2.0 * own + dt * walk**2, own
+        steps = max(2.0 * own + dt * walk**2, memory.spread[j])
+        return innovation - memory.twist[j], steps, own
     twist_direction(constants, memory.h, j)
     for i in range(memory.h.size):
         innovation -= memory.h[i] * memory.state[k, i]
@@ -257,6 +277,8 @@ def fuse_twist(
     c, s = math.cos(angle), math.sin(angle)
     # Rotate the last twist into the body axes at the time of the new one.
     last[0], last[1] = c * last[0] + s * last[1], c * last[1] - s * last[0]
+    for j in range(last.size):
+        _measure_spread(memory, j, dt, twist.value[j] - last[j])
     for k in range(bank.HYPOTHESES):
         squared, rejects, logs = 0.0, 0.0, 0.0
         for j in range(3):
@@ -293,7 +315,7 @@ def weigh_braking(
         pedal: the driver's brake demand, 0 to 1.
     """
     record, speeds, row = memory.record[0], memory.filter_speeds, memory.newest[1]
-    first, size, oldest_ns = row, memory.stamps.size, memory.stamps[row] - bank.LOSS_NS
+    first, size, oldest_ns = row, memory.stamps.size, memory.stamps[row] - bank.WINDOW_NS
     while memory.stamps[first] > oldest_ns and (first - 1) % size != row:
         first = (first - 1) % size
     weight = new_information(dt, constants.wheel_correlation_time)

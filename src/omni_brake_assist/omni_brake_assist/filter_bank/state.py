@@ -30,14 +30,19 @@ ROW_PEDAL, ROW_IMU, ROW_FRESH, ROW_AGE, ROW_WHEELS = 0, 1, 4, 5, 6
 """Index of the first column of the pedal, the IMU, `Readings.fresh`, `Readings.age` and the wheels
 in a row of stored readings."""
 
-LOSS_NS = 100_000_000
-"""Time over which the decrease of the speed is measured [ns]."""
+GYRO = 3
+"""Index of the gyro in `BankMemory.spread`; the components of the twist precede it."""
+
+WINDOW_NS = 100_000_000
+"""Time over which the variance of readings and the decrease of the speed are measured; also the
+shortest time between two restarts of the filter with all sources [ns]."""
 
 FAULTY = 0.5
 """Probability that an encoder is faulty above which the encoder is isolated [1]."""
 
 WHEEL = 0.03  # standard deviation of a rolling rim's speed and a fault-free twist's velocity [m/s]
 SHARE = 0.005  # additional standard deviation of these speeds and of yaw rates, per reading [1]
+MODEL_ERROR = 2.0  # largest error of the ratio of nominal brake torque to wheel inertia [1]
 RELEASED = 0.05  # a brake with at most this enable counts as released [1]
 LEAST_FRICTION = 3.0  # deceleration with a friction coefficient of 0.3 if all wheels brake [m/s^2]
 # Prior probability that a source is faulty, that a driven wheel slides, or that a wheel rolls while
@@ -137,6 +142,8 @@ class BankConstants(NamedTuple):
             [m/s].
         period: control period [s].
         rows: number of control steps whose readings are stored.
+        drop: largest deceleration of the rim of each wheel by its brake, inf if the configuration
+            need not describe brakes and wheels [m/s^2], shape (N,).
     """
 
     n_x: FloatArray
@@ -156,6 +163,7 @@ class BankConstants(NamedTuple):
     least_loss: float
     period: float
     rows: int
+    drop: FloatArray
     force: float = 0.02
     walk: float = 1.0
     turn: float = 3.0
@@ -194,12 +202,18 @@ class BankMemory(NamedTuple):
             possible torque [1], shape (N,).
         slip: slip of each wheel at that torque, as a share of the rim's speed in rolling [1],
             shape (N,).
+        pressure: largest possible torque of each brake, as a share of the largest torque [1],
+            shape (N,).
+        slowest: lowest speed of each rim that the torque of its brake permits after the last
+            readings [m/s], shape (N,).
         faulty: probability under each hypothesis that the encoder of a wheel is faulty [1],
             shape (8, N); 0 under NO_ESTIMATE.
         wheel_ratio: test ratio of each wheel, NaN while it slides [1], shape (N,).
         precise: last precise twist minus the estimate at its time [m/s, m/s, rad/s], shape (3,).
         ratio: test ratios of the components of the twist in the filter of all sources [1],
             shape (3,).
+        spread: mean squares of the changes of the twist's components [m^2/s^2, m^2/s^2, rad^2/s^2]
+            and of the gyro [rad^2/s^2] between two readings, over about `WINDOW_NS`, shape (4,).
         filter_speeds: speed of each of the 7 filters at the stored readings, minus
             `BankConstants.swing`, at least 0 [m/s], shape (R, 7).
         rows: readings of the past steps, a ring buffer; each row contains pedal, yaw rate,
@@ -226,10 +240,13 @@ class BankMemory(NamedTuple):
     torque: FloatArray
     most: FloatArray
     slip: FloatArray
+    pressure: FloatArray
+    slowest: FloatArray
     faulty: FloatArray
     wheel_ratio: FloatArray
     precise: FloatArray
     ratio: FloatArray
+    spread: FloatArray
     filter_speeds: FloatArray
     rows: FloatArray
     stamps: IntArray
@@ -253,6 +270,8 @@ def bank_constants(
     """Return the constants of the filter bank for a configuration and wheel geometry."""
     p_x, p_y, period = configuration.imu_x, configuration.imu_y, configuration.control_period
     n_x, n_y = np.ascontiguousarray(geometry.active.T)
+    modeled = configuration.law == "allocation"  # which needs torque and inertia
+    torque = MODEL_ERROR * configuration.brake.max_torque if modeled else math.inf
     return BankConstants(
         n_x=n_x,
         n_y=n_y,
@@ -270,7 +289,8 @@ def bank_constants(
         rate_deviation=configuration.maximum_yaw_rate_deviation,
         least_loss=least_loss(geometry.rim.size),
         period=period,
-        rows=configuration.steps_until_twist + math.ceil(LOSS_NS * 1e-9 / period) + 2,
+        rows=configuration.steps_until_twist + math.ceil(WINDOW_NS * 1e-9 / period) + 2,
+        drop=np.abs(geometry.rim) * torque / configuration.wheel_inertia,
     )
 
 
@@ -292,10 +312,13 @@ def bank_memory(constants: BankConstants) -> BankMemory:
         np.zeros(wheels),
         np.zeros(wheels),
         np.zeros(wheels),
+        np.zeros(wheels),
+        np.zeros(wheels),
         np.zeros((HYPOTHESES, wheels)),
         np.full(wheels, np.nan),
         np.zeros(3),
         np.zeros(3),
+        np.zeros(GYRO + 1),
         np.zeros((rows, FILTERS)),
         np.zeros((rows, ROW_WHEELS + 2 * wheels)),
         np.full(rows, -1, np.int64),
@@ -325,8 +348,10 @@ def begin(constants: BankConstants, memory: BankMemory, now_ns: int, twist: Twis
     memory.released[:] = 0.0
     memory.rim[:] = math.nan
     memory.idle[:] = memory.mark[:] = memory.torque[:] = memory.most[:] = 0.0
+    memory.pressure[:] = memory.slowest[:] = 0.0
     memory.faulty[:FILTERS] = PRIOR
     memory.stamps[:] = -1
+    memory.spread[:] = 0.0
     memory.covariance[:] = 0.0
     memory.state[:] = 0.0
     reset_posterior(constants, memory)

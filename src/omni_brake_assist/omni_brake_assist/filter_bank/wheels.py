@@ -103,8 +103,9 @@ def fuse_wheels(
     for i in range(speeds.size):
         rim = constants.roll[i] * speeds[i]
         change = rim - memory.rim[i]
-        memory.rim[i], memory.wheel_ratio[i] = rim, math.nan
         load = pedal * enable[i] if enable[i] > bank.RELEASED else 0.0
+        _follow_slowest(constants, memory, i, dt, braking, load)
+        memory.rim[i], memory.wheel_ratio[i] = rim, math.nan
         memory.released[i] = 0.0 if load > 0.0 else memory.released[i] + dt
         if math.isnan(rim):
             continue
@@ -123,8 +124,34 @@ def fuse_wheels(
             _fuse_wheel(constants, memory, i, k, wheel, span, dt)
         released = released or memory.released[i] >= constants.spin_up
         rolling = rolling or math.isfinite(memory.wheel_ratio[i])
-    waited = dt if braking and released else 0.0
-    record.unsupported = 0.0 if rolling else record.unsupported + waited
+    record.unsupported = 0.0 if rolling else record.unsupported + dt * (braking and released)
+
+
+@lean
+def _follow_slowest(
+    constants: BankConstants, memory: BankMemory, i: int, dt: float, braking: bool, load: float
+) -> None:
+    """Update the lowest speed of a rim that the torque of its brake permits after the last reading.
+
+    A rim slows down no faster than its brake can stop it without any friction, or than the vehicle.
+    The brake is assumed to lag its command when it is released, but not when it is applied.
+
+    Args:
+        constants: constants of the vehicle.
+        memory: memory of the bank with the last reading, changed in place.
+        i: index of the wheel.
+        dt: length of the step [s].
+        braking: whether the pedal is down; otherwise the drives can slow the wheel down.
+        load: brake command of the wheel as a share of the largest torque [1].
+    """
+    memory.pressure[i] = max(load, memory.pressure[i] * math.exp(-dt / constants.spin_up))
+    lowest, rim = memory.slowest[i], abs(memory.rim[i])
+    if math.isfinite(rim):
+        lowest = max(lowest, rim)
+    if memory.pressure[i] > 0.0:
+        lowest -= constants.drop[i] * memory.pressure[i] * dt
+    lowest = min(lowest, _rolling_speed(constants, memory, i))
+    memory.slowest[i] = max(lowest, 0.0) if braking else 0.0
 
 
 @lean
@@ -188,6 +215,9 @@ def _mixture(
         rolls = 1.0 - slides - stays
         locked = stays * math.exp(-0.5 * min((memory.rim[i] / bank.WHEEL) ** 2, GATE))
         locked /= math.sqrt(2.0 * math.pi) * bank.WHEEL
+        missing = max(memory.slowest[i] - abs(memory.rim[i]), 0.0)
+        possible = math.exp(-0.5 * min((missing / bank.WHEEL) ** 2, GATE))
+        slides, locked = slides * possible, locked * possible
     limit = _largest_slip(constants, memory, i, dt, load)
     return _Wheel(rolls, slides, locked, variance, excess, limit)
 

@@ -31,6 +31,7 @@ def isolated_encoder(
     seconds: float = 1.0,
     change: float = 0.0,
     brake: BrakeConfiguration = DIRECT,
+    law: str = "sliding_mode",
 ) -> bool:
     """Brake from 8 m/s with 4 m/s^2; return whether the first encoder is isolated at the end.
 
@@ -41,8 +42,9 @@ def isolated_encoder(
         seconds: time for which the pedal is down [s].
         change: time at which the brake command of the first wheel changes [s].
         brake: brake of each wheel.
+        law: control law; `allocation` requires the torque of the brakes and the wheels' inertia.
     """
-    configuration = BrakeAssistConfiguration(wheels=mounts, brake=brake)
+    configuration = BrakeAssistConfiguration(wheels=mounts, brake=brake, law=law)
     constants = bank_constants(configuration, PlatformGeometry.from_wheels(mounts))
     memory, answer = bank_memory(constants), np.empty(3)
     for k in range(-PEDAL, round(seconds / STEP)):
@@ -149,3 +151,31 @@ def test_a_slip_that_falls_slowly_must_also_fall_as_much_as_the_brake_torque(
         return (0.65 + 0.1 * float(np.clip(10.0 * (time - 0.2), 0.0, 1.0))) * rolling
 
     assert isolated_encoder(mecanum, speed, 0.2, seconds=0.8, change=0.2)
+
+
+@pytest.mark.safety(
+    "the stop is longer or rotates more",
+    "an encoder of a braked wheel reads 0 from one reading to the next, with the law `allocation`",
+    "fault isolation: the torque of the brake cannot lock the wheel so quickly",
+    within=0.1,
+)
+@pytest.mark.parametrize(("law", "isolated"), [("allocation", True), ("sliding_mode", False)])
+def test_a_wheel_that_stops_faster_than_its_brake_can_stop_it_is_isolated(
+    mecanum: dict[str, WheelMount], law: str, isolated: bool, within: float
+) -> None:
+    """The configuration of the law `sliding_mode` need not describe the brakes."""
+
+    def speed(time: float, rolling: float) -> float:
+        return 0.9 * rolling if time < 0.2 else 0.0
+
+    seconds = 0.2 + within
+    assert isolated_encoder(mecanum, speed, 0.1, seconds=seconds, law=law) is isolated
+
+
+def test_a_wheel_that_its_brake_locks_is_no_faulty_encoder(mecanum: dict[str, WheelMount]) -> None:
+    """A tenth of the largest torque, 2000 N m, slows a wheel of 1 kg m^2 down by 200 rad/s^2."""
+
+    def speed(time: float, rolling: float) -> float:
+        return max(0.9 * rolling - 200.0 * max(time - 0.2, 0.0), 0.0)
+
+    assert not isolated_encoder(mecanum, speed, 0.1, seconds=0.8, law="allocation")

@@ -104,6 +104,10 @@ class Drive:
                 twist = twist + np.array([0.0, 0.0, size * swing])
             if faulty and fault == "gyro":
                 inertial[0] += size
+            if faulty and fault == "vibration":
+                inertial[0] += size * (-1.0) ** step
+            if faulty and fault == "noise":
+                twist = twist + np.array([size * (-1.0) ** step, 0.0, 0.0])
             if faulty and fault == "force":
                 inertial[2] += size
             if faulty and (fault == "wheel" or (fault == "silence" and step >= onset + 20)):
@@ -246,6 +250,9 @@ def test_a_late_twist_is_compensated(drive: Drive) -> None:
             ),
         ),
         ("rate", -0.5, bank.NO_RATE),
+        ("vibration", 3.0, bank.NO_GYRO),  # an error with a mean of 0
+        ("vibration", 1.0, bank.NO_GYRO),
+        ("noise", 1.0, bank.NO_VELOCITY),
         pytest.param(
             "gyro", 0.3, bank.NO_GYRO,
             marks=pytest.mark.safety(

@@ -124,6 +124,35 @@ def test_an_imu_fault_makes_no_stop_worse(
         assert stop.rotation <= ROTATION
 
 
+@pytest.mark.safety(
+    "the stop is longer or rotates more",
+    "the error of the gyro or of a component of the twist changes its sign at every reading",
+    "fault isolation by the variance of the readings: the stop meets R2 and rotates by at most 5 "
+    "deg",
+    within="the whole stop",
+)
+@pytest.mark.parametrize("law", ["sliding_mode", "allocation"])
+@pytest.mark.parametrize(
+    ("channel", "axis", "amplitude", "onset"),
+    [
+        ("gyro", 0, 3.0, 0.015),  # 106 deg if the twist is isolated instead
+        ("gyro", 0, 2.4, 0.125),
+        ("twist", 0, 1.5, -0.025),  # 1.6 times the distance if the fault is not found
+        ("twist", 1, 2.0, 0.235),
+        ("twist", 2, 2.0, -0.065),
+    ],
+)
+def test_an_alternating_error_makes_no_stop_worse(
+    stops: FaultyStops, law: str, channel: str, axis: int, amplitude: float, onset: float
+) -> None:
+    setting = Setting(law, True, "straight_line")
+    stop = stops.run(setting, Fault(channel, "sine", axis, onset, amplitude, 0.02))
+    assert stop.rest
+    assert stop.distance <= DISTANCE
+    assert stop.rotation + stops.reference(setting).rotation <= 5.0
+    assert stop.assisting
+
+
 def test_a_gyro_fault_just_before_the_pedal_is_no_offset_of_the_twist(
     stops: FaultyStops,
 ) -> None:
@@ -272,6 +301,17 @@ def test_allocation_survives_an_encoder_fault(
     )
     assert stop.stopping_distance <= DISTANCE * unassisted.stopping_distance
     assert stop.orientation_change <= unassisted.orientation_change + ROTATION
+
+
+@pytest.mark.parametrize("onset", [0.259, 0.416])
+def test_an_encoder_that_drops_to_zero_does_not_release_its_brake(
+    stops: FaultyStops, onset: float
+) -> None:
+    """Without the isolation of the encoder, the stop has 1.21 to 1.25 times the distance."""
+    fault = Fault("encoder", "zero", 1, onset, 0.0, 0.1)
+    stop = stops.run(Setting("allocation", True, "slippery"), fault)
+    assert stop.distance <= DISTANCE
+    assert stop.rotation <= ROTATION
 
 
 FAST_TURN = (
