@@ -1,5 +1,7 @@
 """Sizes of Fourier transforms."""
 
+import rocket_fft  # noqa: F401  (numba compiles the transforms of NumPy through it)
+
 from omni_core.kernels import lean
 
 

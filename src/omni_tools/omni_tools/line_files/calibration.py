@@ -37,6 +37,7 @@ from omni_runs.figures import style
 QUANTITIES = ("pitch", "heading", "lever", "line_rate")
 """Calibrated quantities of a camera."""
 
+_MOTIONS = ("forward motion", "sideways motion", "turning")  # that determine a coefficient each
 _PRIOR = (0.33, 0.33, 0.3)  # standard deviations of the configured c, in units of 1 / p and m / p
 _HUBER = 2.5  # residual above which a batch has a smaller weight, in robust standard deviations [1]
 _STRETCHES = 24  # number of parts of the recordings whose errors are assumed to be independent
@@ -185,13 +186,12 @@ def calibrate(
         length=float(found_pitch * nominal.pixels),
         line_rate=rate,
     )
-    words = ("forward motion", "sideways motion", "turning")
     return Calibration(
         nominal,
         sensor,
         dict(zip(QUANTITIES, (*map(float, errors), rate_error), strict=True)),
         abs(turned) > 0.5 * math.pi,
-        tuple(itertools.compress(words, ~seen)),
+        tuple(itertools.compress(_MOTIONS, ~seen)),
         tuple(drives),
         tuple((d.pixels - d.twist @ coefficients) * found_pitch for d in drives),
         tuple((d.pixels - d.twist @ start) * pitch for d in drives),

@@ -12,15 +12,8 @@ from typing import TYPE_CHECKING
 from omni_core import configuration
 from omni_core.commands.command_options import CommandOptions, option
 from omni_core.commands.command_report import Report
-from omni_runs.workspace import (
-    EVERY,
-    KINDS,
-    LAWS,
-    STUDIES,
-    ExperimentWorkspace,
-    first_sentence,
-    names_of,
-)
+from omni_runs import workspace as items
+from omni_runs.workspace import ExperimentWorkspace
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -36,7 +29,7 @@ class Options(CommandOptions):
 
     name: str = option(positional=True, metavar="NAME")
     """name from ./omni list, a path that ends in .yaml, or the folder of a vehicle"""
-    kind: str | None = option(None, metavar="KIND", choices=EVERY)
+    kind: str | None = option(None, metavar="KIND", choices=items.EVERY)
     """kind of the item (default: that of the first item with this name; for a path, the kind to
     which the keys of the file belong)"""
     out: Path | None = option(None, metavar="FILE")
@@ -46,7 +39,7 @@ class Options(CommandOptions):
 def run(options: Options, workspace: ExperimentWorkspace) -> Report:
     """Describe an item, and draw it if possible."""
     kind, path = _find(options, workspace)
-    if kind in (STUDIES, LAWS):
+    if kind in (items.STUDIES, items.LAWS):
         return _described(kind, options)
     from omni_runs.experiment import short_name
     from omni_runs.figures.style import save_figure
@@ -60,7 +53,7 @@ def run(options: Options, workspace: ExperimentWorkspace) -> Report:
         details={"kind": kind, "facts": facts, "picture": str(picture)},
         text=(
             f"{name} ({path})",
-            first_sentence(path),
+            items.first_sentence(path),
             *(f"  {key}: {words}" for key, words in facts.items()),
             f"figure {picture}",
         ),
@@ -74,17 +67,21 @@ def _find(options: Options, workspace: ExperimentWorkspace) -> tuple[str, Path]:
         return options.kind or "vehicles", Path(folder)
     if options.name.endswith(".yaml"):
         return _kind_of(options), Path(options.name)
-    kinds = [kind for kind in KINDS if options.kind in (None, kind)]
+    kinds = [kind for kind in items.KINDS if options.kind in (None, kind)]
     found = [
         (kind, path)
         for kind in kinds
         if (path := workspace.config / kind / f"{options.name}.yaml").is_file()
     ]
-    texts = [kind for kind in (STUDIES, LAWS) if options.kind in (None, kind)]
-    found += [(kind, Path()) for kind in texts if options.name in names_of(kind, workspace.folder)]
+    texts = [kind for kind in (items.STUDIES, items.LAWS) if options.kind in (None, kind)]
+    found += [
+        (kind, Path()) for kind in texts if options.name in items.names_of(kind, workspace.folder)
+    ]
     if not found:
-        looked_in = [kind for kind in EVERY if options.kind in (None, kind)]
-        known = sorted({name for kind in looked_in for name in names_of(kind, workspace.folder)})
+        looked_in = [kind for kind in items.EVERY if options.kind in (None, kind)]
+        known = sorted(
+            {name for kind in looked_in for name in items.names_of(kind, workspace.folder)}
+        )
         raise configuration.ConfigurationError(
             "NAME",
             f"{options.name!r} is not known"
@@ -100,7 +97,7 @@ def _kind_of(options: Options) -> str:
     from omni_runs.yaml_files import read_mapping
     from omni_tools.vehicles.file_kinds import possible_kinds
 
-    if options.kind in KINDS:
+    if options.kind in items.KINDS:
         return options.kind
     kinds = possible_kinds(read_mapping(Path(options.name), "NAME"))
     if len(kinds) != 1:
@@ -108,7 +105,7 @@ def _kind_of(options: Options) -> str:
             f"its keys belong to {' and '.join(kinds)}" if kinds else "none of its keys is known"
         )
         problem = f"the kind of {options.name} is required, because {found}: one of"
-        raise configuration.ConfigurationError("--kind", f"{problem} {', '.join(KINDS)}")
+        raise configuration.ConfigurationError("--kind", f"{problem} {', '.join(items.KINDS)}")
     return kinds[0]
 
 
@@ -117,7 +114,7 @@ def _described(kind: str, options: Options) -> Report:
     import inspect
 
     facts: dict[str, str] = {}
-    if kind == STUDIES:
+    if kind == items.STUDIES:
         from omni_core import commands
 
         study = commands.load_command(commands.load_command(commands, "study"), options.name)
@@ -127,7 +124,7 @@ def _described(kind: str, options: Options) -> Report:
     else:
         words = importlib.import_module(f"omni_brake_assist.laws.{options.name}").__doc__ or ""
     words = inspect.cleandoc(words).replace("``", "")
-    use = f"study {options.name}" if kind == STUDIES else f"run --law {options.name}"
+    use = f"study {options.name}" if kind == items.STUDIES else f"run --law {options.name}"
     return Report(
         name=options.name,
         details={"kind": kind, "words": words, "facts": facts},
