@@ -9,8 +9,9 @@ import pytest
 
 from omni_runs.compiled import run_fast_loop
 from omni_runs.experiment import WITHOUT_CAMERAS, ExperimentConfiguration, ExperimentLibrary
-from omni_runs.graph import command, run_variant
+from omni_runs.graph import run_variant
 from omni_runs.metrics import run_metrics
+from omni_runs.run import command
 from omni_runs.stops import stops_of
 
 CONFIG = Path(__file__).resolve().parents[4] / "config"

@@ -146,7 +146,7 @@ def test_an_alternating_error_makes_no_stop_worse(
     stops: FaultyStops, law: str, channel: str, axis: int, amplitude: float, onset: float
 ) -> None:
     setting = Setting(law, True, "straight_line")
-    stop = stops.run(setting, Fault(channel, "sine", axis, onset, amplitude, 0.02))
+    stop = stops.run(setting, SensorFault(channel, "sine", axis, onset, amplitude, 0.02))
     assert stop.rest
     assert stop.distance <= DISTANCE
     assert stop.rotation + stops.reference(setting).rotation <= 5.0
@@ -308,7 +308,7 @@ def test_an_encoder_that_drops_to_zero_does_not_release_its_brake(
     stops: FaultyStops, onset: float
 ) -> None:
     """Without the isolation of the encoder, the stop has 1.21 to 1.25 times the distance."""
-    fault = Fault("encoder", "zero", 1, onset, 0.0, 0.1)
+    fault = SensorFault("encoder", "zero", 1, onset, 0.0, 0.1)
     stop = stops.run(Setting("allocation", True, "slippery"), fault)
     assert stop.distance <= DISTANCE
     assert stop.rotation <= ROTATION

@@ -157,9 +157,8 @@ def calibrate(
     twist = np.concatenate([drive.twist for drive in drives])
     pixels = np.concatenate([drive.pixels for drive in drives])
     if len(pixels) < fewest:
-        raise ConfigurationError(
-            "DRIVE", f"{len(pixels)} batches of a camera were measured, {fewest} are needed"
-        )
+        problem = f"{len(pixels)} batches of a camera were measured, {fewest} are needed"
+        raise ConfigurationError("DRIVE", problem)
     phi, pitch = nominal.heading, nominal.pixel_pitch
     start = np.array(sensors.velocity_row(nominal.x, nominal.y, phi)) / pitch
     prior = np.array(_PRIOR) / pitch
