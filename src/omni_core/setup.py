@@ -5,4 +5,4 @@ import sys
 sys.path.insert(0, "../omni_core")
 from ament_package import install
 
-install(requires=["llvmlite", "numba==0.68.*", "numpy"])
+install(requires=["llvmlite", "numba==0.68.*", "numpy", "rich"])
