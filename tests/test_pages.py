@@ -23,7 +23,7 @@ PAGES = (
     "benchmarks/README.md",
 )
 _MEANT = {"COMMAND": "run", "N": "1"}  # values that a reader inserts
-_OF_THE_LAUNCHER = ("exec", "test")
+_OF_THE_LAUNCHER = ("exec", "install", "test")
 _ELSEWHERE = {  # pages that a test follows word for word
     "docs/tutorials/your_vehicle.md": "test_tutorial.py",
     "docs/real_vehicle.md": "test_real_vehicle.py",
@@ -37,8 +37,8 @@ _NOT_HERE = {  # beginning of a command, and why it is not run here
     "replay": "the reader's recordings: test_replay.py",
     "lines": "the reader's files: test_lines_command.py makes some",
     "calibrate-sensors": "the reader's drives: test_lines_command.py makes some",
-    "fit-tire": "the reader's measurements: test_fit_tire.py makes some",
-    "fit-brakes": "the reader's recordings: test_fit_brakes.py has ours",
+    "fit-tire": "the reader's measurements: test_fit_tire_command.py makes some",
+    "fit-brakes": "the reader's recordings: test_fit_brakes_command.py has ours",
     "design-sensors": "half a minute: test_design_sensors.py",
     "nav2-polygons": "ten thousand stops: test_stopping_area.py has fewer",
     "study laws": "minutes: test_laws.py has the parts",

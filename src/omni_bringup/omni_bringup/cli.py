@@ -28,7 +28,10 @@ from omni_ros.start import start_lightly
 from omni_runs.workspace import ExperimentWorkspace
 
 _DESCRIPTION = "Simulate, measure and tune the braking of omnidirectional vehicles."
-_OF_THE_LAUNCHER = {"test": "run the tests (arguments go to pytest)"}
+_OF_THE_LAUNCHER = {
+    "install": "install a group of optional packages",
+    "test": "run the tests (arguments go to pytest)",
+}
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

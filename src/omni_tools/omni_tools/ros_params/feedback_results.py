@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from omni_brake_assist.configuration import BrakeAssistConfiguration
-from omni_core.configuration import ConfigurationError
+from omni_core.configuration import ConfigurationError, check_choice
 
 _QUANTITIES = ("harm", "distance_ratio_p95", "rotation_p95", "rotation_unassisted_p95")
 
@@ -50,7 +50,7 @@ def warning_of(
 
     Raises:
         ConfigurationError: the file does not contain this vehicle with these brakes, with or
-            without an IMU, or not this law and source.
+            without an IMU, or not this law or source.
     """
     law, wanted = assistant.law, conditions_of(assistant, imu)
     found = {}
@@ -58,9 +58,15 @@ def warning_of(
         document = json.loads(summary.read_text(encoding="utf-8"))
         if (measured := document["conditions"][vehicle]) != wanted:
             raise LookupError(f"its stops have {dict(measured.items() - wanted.items())}")
+        beginning = f"harm.{vehicle}_{law}_"
+        known = [key[len(beginning) :] for key in document["metrics"] if key.startswith(beginning)]
+        if known:
+            check_choice("--source", source, known)
         for quantity in _QUANTITIES:
             value = document["metrics"][f"{quantity}.{vehicle}_{law}_{source}"]["value"]
             found[quantity] = math.inf if value is None else value
+    except ConfigurationError:
+        raise
     except OSError as error:
         problem = (
             f"cannot be read ({error.strerror}); run ./omni study feedback --vehicle FOLDER, or "
