@@ -283,7 +283,7 @@ def test_a_source_that_does_harm_is_named_by_ros_params_the_node_and_doctor(tmp_
         finished = omni_here(["ros-params", str(file), *known, *options])
         return finished.returncode, finished.stderr
 
-    harm = "wheel_twist_agv: with late_50ms and sliding_mode, assistance does more harm"
+    harm = "wheel_twist_agv: with ideal, 50 ms late and sliding_mode, assistance does more harm"
     assert run("otos") == (0, "")
     code, words = run("late_50ms")
     assert code == 0

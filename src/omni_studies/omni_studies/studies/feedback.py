@@ -31,9 +31,9 @@ from omni_runs.ground_choice import prepare_grounds
 from omni_runs.loop import run_closed_loop
 from omni_runs.metrics import Metric, run_metrics
 from omni_sim.texture.cache import TextureCache
+from omni_sim.twist_sources import SOURCES, SourceModel
 from omni_sim.vehicle.configuration import VehicleConfiguration
 from omni_sim.vehicle.loads import MassConfiguration
-from omni_studies.feedback.sources import SOURCES, SourceModel
 from omni_studies.study import StudyResult, StudyRun
 from omni_tools.campaign.runner import CampaignOptions, digest
 from omni_tools.ros_params.feedback_results import conditions_of, harm_sentence
@@ -298,11 +298,9 @@ def _results(
 
 
 def _findings(table: Table) -> list[str]:
-    harmful = {key: found for key, found in table.items() if found["harm"]}
-    return [
-        harm_sentence(vehicle, law, SOURCES[source].label, found)
-        for (vehicle, law, source), found in harmful.items()
-    ] or ["Assistance does more harm than good with none of these sources"]
+    return [harm_sentence(*key, found) for key, found in table.items() if found["harm"]] or [
+        "Assistance does more harm than good with none of these sources"
+    ]
 
 
 def _harms(

@@ -14,7 +14,7 @@ from omni_core.geometry import WheelMount
 from omni_core.kinematics import PlatformKinematics
 from omni_core.signals import UNMEASURED_VARIANCE
 from omni_runs.experiment import ExperimentLibrary
-from omni_studies.feedback.sources import SOURCES, SourceModel
+from omni_sim.twist_sources import SOURCES, SourceModel
 from omni_studies.studies import feedback
 from omni_studies.study import StudyRun
 from omni_tools.vehicles.estimates import Measured, write_vehicle

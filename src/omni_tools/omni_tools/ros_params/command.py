@@ -9,7 +9,7 @@ from pathlib import Path
 from omni_core.brakes import TYPICAL
 from omni_core.commands.command_options import CommandOptions, option
 from omni_core.commands.command_report import Report, make_folder
-from omni_core.configuration import ConfigurationError
+from omni_core.configuration import ConfigurationError, check_choice
 from omni_runs.workspace import ExperimentWorkspace
 
 
@@ -55,7 +55,10 @@ def run(options: Options, workspace: ExperimentWorkspace) -> Report:
     warning = ""
     if options.source is not None:
         from omni_runs.experiment import short_name
+        from omni_sim.twist_sources import SOURCES
         from omni_tools.ros_params.feedback_results import warning_of
+
+        check_choice("--source", options.source, SOURCES)
 
         summary = options.feedback or workspace.results(None, "feedback") / "summary.json"
         own, imu = short_name(options.configuration), not options.without_imu

@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from omni_brake_assist.configuration import BrakeAssistConfiguration
-from omni_core.configuration import ConfigurationError, check_choice
+from omni_core.configuration import ConfigurationError
+from omni_sim.twist_sources import SOURCES
 
 _QUANTITIES = ("harm", "distance_ratio_p95", "rotation_p95", "rotation_unassisted_p95")
 
@@ -25,11 +26,11 @@ def harm_sentence(vehicle: str, law: str, source: str, found: Mapping[str, float
     Args:
         vehicle: name of the vehicle.
         law: name of the control law.
-        source: label of the source of the twist.
+        source: source of the twist, a key of `SOURCES`.
         found: statistics of the stops: ratios of distances [1] and rotations [deg], keyed by name.
     """
     return (
-        f"{vehicle}: with {source} and {law}, assistance does more harm than good "
+        f"{vehicle}: with {SOURCES[source].label} and {law}, assistance does more harm than good "
         f"(95th percentile: {found['distance_ratio_p95']:.2f} times the distance, "
         f"{found['rotation_p95']:.1f} deg; "
         f"without {found['rotation_unassisted_p95']:.1f} deg)"
@@ -50,7 +51,7 @@ def warning_of(
 
     Raises:
         ConfigurationError: the file does not contain this vehicle with these brakes, with or
-            without an IMU, or not this law or source.
+            without an IMU, or not this law and source.
     """
     law, wanted = assistant.law, conditions_of(assistant, imu)
     found = {}
@@ -58,15 +59,9 @@ def warning_of(
         document = json.loads(summary.read_text(encoding="utf-8"))
         if (measured := document["conditions"][vehicle]) != wanted:
             raise LookupError(f"its stops have {dict(measured.items() - wanted.items())}")
-        beginning = f"harm.{vehicle}_{law}_"
-        known = [key[len(beginning) :] for key in document["metrics"] if key.startswith(beginning)]
-        if known:
-            check_choice("--source", source, known)
         for quantity in _QUANTITIES:
             value = document["metrics"][f"{quantity}.{vehicle}_{law}_{source}"]["value"]
             found[quantity] = math.inf if value is None else value
-    except ConfigurationError:
-        raise
     except OSError as error:
         problem = (
             f"cannot be read ({error.strerror}); run ./omni study feedback --vehicle FOLDER, or "
@@ -75,7 +70,7 @@ def warning_of(
         raise ConfigurationError(str(summary), problem) from None
     except (ValueError, LookupError, TypeError) as error:
         problem = (
-            f"has no stops of {vehicle} with {source} and {law} ({error}); "
+            f"has no stops of {vehicle} with {SOURCES[source].label} and {law} ({error}); "
             f"run ./omni study feedback --vehicle FOLDER{'' if imu else ' --without-imu'}"
         )
         raise ConfigurationError(str(summary), problem) from None

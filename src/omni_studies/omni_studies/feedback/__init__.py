@@ -1,1 +1,0 @@
-"""Error models of the sensors and estimators that supply the body twist."""
