@@ -70,7 +70,7 @@ def warning_of(
         raise ConfigurationError(str(summary), problem) from None
     except (ValueError, LookupError, TypeError) as error:
         problem = (
-            f"has no stops of {vehicle} with {SOURCES[source].label} and {law} ({error}); "
+            f"has no stops of {vehicle} with {source} and {law} ({error}); "
             f"run ./omni study feedback --vehicle FOLDER{'' if imu else ' --without-imu'}"
         )
         raise ConfigurationError(str(summary), problem) from None

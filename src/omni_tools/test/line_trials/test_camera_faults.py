@@ -120,8 +120,10 @@ def test_a_fault_is_reported_within_20_ms(
     if fault is mud:
         # The motion of this camera stops implausibly fast, or it is zero while the others move, or
         # the mud cannot be distinguished from unequal pixels.
-        reasons = ("covered: its view does not change", "not plausible")
-        reasons += ("low texture", "no maximum of the likelihood")
+        reasons = [
+            *("covered: its view does not change", "not plausible"),
+            *("low texture", "no maximum of the likelihood"),
+        ]
         assert any(words in estimates[-1].reason for words in reasons)
 
 
