@@ -16,12 +16,11 @@ covariance T:
 
 S is the power of the texture, rho its coherence between neighboring lines, and N the power of the
 noise. These three depend on the frequency; delta_kj is 1 for k = j, else 0. The pattern is also
-Gaussian. Each batch that proves a shift updates its mean and variance at every frequency.
+Gaussian. Each batch updates its mean and variance at every frequency, and the mean is subtracted.
 
-In motion, the prior variance of the pattern is the power of its estimate, and its mean is
-subtracted. At rest and in slow motion, ground and pattern cannot be separated. The prior variance V
-is then the one after earlier batches, at first the specified non-uniformity of the pixels or the
-white part of the lines that do not move. The pattern is integrated out: the covariance is
-``T + V u u'`` with ``u_k = exp(-2 pi i f X_k)``, and S contains only the power above V. A batch can
-be at rest only if the differences of neighboring lines are white noise.
+In motion, the prior variance of the pattern is the power of its estimate. At rest, ground and
+pattern cannot be separated. The prior variance is then the specified non-uniformity of the pixels,
+S contains only the power above the posterior variance of the pattern after earlier batches, and N
+contains this variance. A batch can be at rest only if the differences of neighboring lines are
+white noise.
 """

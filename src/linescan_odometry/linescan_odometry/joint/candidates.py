@@ -377,9 +377,6 @@ def colored(lines: Lines, taper: Floats, layout: Layout) -> float:
         layout: sizes of the batch.
     """
     levels = lines.astype(np.float32)
-    for k in range(len(levels)):
-        # The gain of a line, for example under mains light, would color its difference.
-        levels[k] /= max(spectra.sum_of(levels[k]), np.float32(1.0))
     differences = levels[1:] - levels[:-1]
     transformed = np.abs(spectra.spectra_of(differences, taper, layout.size)) ** 2
     # The differences are a moving average of order 1: N of them count as 2 N / 3 independent ones.
@@ -387,7 +384,7 @@ def colored(lines: Lines, taper: Floats, layout: Layout) -> float:
     edges, total, logarithm = bands(layout.size), 0.0, 0.0
     for b in range(len(edges) - 1):
         i, j = edges[b], edges[b + 1]
-        power = max(transformed[:, i:j].sum(), 1e-30)
+        power = max(transformed[:, i:j].sum(), 1e-9)
         total += power
         logarithm += (j - i) * math.log(power / (j - i))
     count = edges[-1] - edges[0]

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from linescan_odometry.joint import candidates, spectra
-from linescan_odometry.joint.fit import Fit, assess, scatter, unequal_pixels
+from linescan_odometry.joint.fit import Fit, assess, scatter
 from linescan_odometry.joint.likelihood import Expansion, expand, observe, window, without
 from linescan_odometry.matching.transforms import transform_size
 from linescan_odometry.measurements import Displacement, Unmeasured
@@ -21,7 +21,6 @@ _FEWEST = 7.5  # smallest number of independent moving features; a shadow's edge
 _TWO_MOTIONS = 0.25  # px; limit on `Fit.difference`; a larger difference indicates two motions
 _LEAST_CONTRAST = 0.03  # gradient energy over noise; below it, wood may match another motion
 _SHIFTED = 3 * candidates.APART  # px within a batch; beyond it, ground and pattern can be separated
-_CERTAIN = 4.0  # standard deviations by which a shift must exceed the width of a peak
 _DARKEST = 0.1  # gray level that is added before the logarithm, relative to the mean gray level
 
 
@@ -156,9 +155,8 @@ class JointEstimator:
         lines = lines.astype(np.uint16)  # the kernels are compiled for one depth
         levels = spectra.without_defects(lines).astype(np.float32)
         # The logarithm converts the unknown gain of a pixel to an offset. The added level limits
-        # the noise of dark pixels, of which a few would otherwise determine the likelihood. It is
-        # relative to the line's own mean, so that the gain of a line is an offset too.
-        logs = np.log(levels + _DARKEST * levels.mean(axis=1, keepdims=True))
+        # the noise of dark pixels, of which a few would otherwise determine the likelihood.
+        logs = np.log(levels + _DARKEST * levels.mean())
         estimate = _estimate(lines, logs, self._camera, self.pattern, layout, self._last)
         self.pattern = estimate.pattern
         return estimate
@@ -196,70 +194,26 @@ def _estimate(
     d, moves, flaw = _choose(view, camera, layout)
     if flaw:
         return Estimate(d, math.inf, flaw, view.logs, 0.0, pattern)
-    separable = moves and layout.lines >= spectra.FEWEST_LINES
-    if separable and abs(d) * (layout.lines - 1) > _SHIFTED:
-        return _fit(view, camera, pattern, layout, (d, mean), moves, True)
-    # At rest, in slow motion, and with few lines, only its prior separates the pattern from the
-    # ground. New dirt contradicts this prior, and looks like ground at rest. The two estimates then
-    # differ (test of Hausman, 1978).
-    own = _fit(view, camera, pattern, layout, (d, known), moves, False)
-    if separable:
-        free = _fit(view, camera, pattern, layout, (d, mean), moves, True)
-        limit = _CERTAIN**2 * (own.variance + free.variance)
-        if own.reason or (not free.reason and (own.value - free.value) ** 2 > limit):
-            return free
-    return own
-
-
-@kernel
-def _fit(
-    view: _View,
-    camera: _Camera,
-    pattern: spectra.FixedPattern,
-    layout: candidates.Layout,
-    start: tuple[float, spectra.Spectrum],
-    moves: bool,
-    parted: bool,
-) -> Estimate:
-    """Return the estimate near a candidate.
-
-    Args:
-        view: the batch.
-        camera: constants of the camera.
-        pattern: fixed pattern before this batch.
-        layout: sizes of the batch.
-        start: displacement per line of the candidate [px], and the pattern that is removed first.
-        moves: whether the candidate is a motion instead of rest.
-        parted: whether the pattern is estimated from this batch too; otherwise it is integrated out
-            of the likelihood.
-    """
-    motion, rest, batch, here = _maximize(view, camera, pattern, layout, start, parted)
+    # At rest, and with few lines, ground and pattern cannot be separated. The prior of the pattern
+    # then determines the split.
+    parted = moves and layout.lines >= spectra.FEWEST_LINES
+    removed = mean if parted else known
+    motion, rest, batch, here = _maximize(view, camera, pattern, layout, (d, removed), parted)
     if not np.isfinite(motion).all():
-        flaw = "no maximum of the likelihood"
-        return Estimate(start[0], math.inf, flaw, rest, 0.0, pattern)
+        return Estimate(d, math.inf, "no maximum of the likelihood", rest, 0.0, pattern)
     d, fit = motion[0], assess(rest, here)
     variance = fit.variance
     if not moves and not math.isfinite(variance):
         variance = fit.white  # at rest all lines are equal, so few features suffice
-    shift = abs(d) * (layout.lines - 1)
-    flaw = _flaw(fit, variance, moves, shift)
-    if moves and not parted and not flaw:
-        # A shift that the lines minus their mean show must also be significant here. Otherwise
-        # dirt, which is not in the prior of the pattern, counts as ground at rest.
-        limit = candidates.RATIO * candidates.LIKELY
-        if d * d < 2.0 * limit * fit.white and candidates.turning(view.remainder, layout) > limit:
-            flaw = "low texture"
-    if moves and not flaw:
-        variance += scatter(view.remainder, layout, d, (candidates.LIKELY, candidates.RATIO))
-    # Only a shift that is certain separates the ground from the pattern.
-    uncertain = _CERTAIN * math.sqrt(variance) * (layout.lines - 1)
-    if parted and not flaw and shift - uncertain > candidates.APART:
+    flaw = _flaw(fit, variance, moves, abs(d) * (layout.lines - 1))
+    if parted and not flaw:
         # The weight of earlier batches decays exponentially.
         kept = np.float32(max(1.0 - (layout.lines - 1) * camera.fading, 0.0))
         pattern = spectra.FixedPattern(
             pattern.information * kept + batch.information,
             pattern.precision * kept + batch.precision,
         )
+        variance += scatter(view.remainder, layout, d, (candidates.LIKELY, candidates.RATIO))
     return Estimate(d, variance, flaw, rest, fit.coherence, pattern)
 
 
@@ -331,11 +285,9 @@ def _maximize(
         the expansion of the log-likelihood at the start of the last step.
     """
     motion, kappa = np.array([start[0], 0.0]), np.arange(layout.lines) - 0.5 * (layout.lines - 1)
-    pattern, batch = start[1], learned
-    fixed = np.zeros(len(pattern))
-    if not parted:
-        unequal = unequal_pixels(view.logs) * (camera.taper**2).sum()
-        fixed = 1.0 / (learned.precision + min(camera.stated, 1.0 / max(unequal, 1e-12)))
+    pattern, batch, fixed = start[1], learned, 1.0 / (learned.precision + camera.stated)
+    if parted:
+        fixed[:] = 0.0
     # Steps are limited to 1 px, so they do not lead to another peak.
     for number in range(candidates.APART):
         if parted:

@@ -21,14 +21,12 @@ import numpy as np
 
 from linescan_odometry.joint import spectra
 from linescan_odometry.joint.candidates import APART, Correlation, Layout, coherent, farthest
-from linescan_odometry.joint.covariance import LEAST_NOISE, whiten
-from linescan_odometry.joint.likelihood import Expansion, turned, window
+from linescan_odometry.joint.likelihood import LEAST_NOISE, Expansion, turned, whiten, window
 from linescan_odometry.joint.spectra import Doubles, Floats, Spectrum
 from linescan_odometry.matching.transforms import transform_size
 from omni_core.kernels import kernel, linked
 
 PLACES = 24  # number of ground segments in a line
-_MEDIAN_SQUARE = 0.455  # median of the square of a standard normal variable
 _CORRELATED = 2  # segments; largest distance at which the errors of two segments are correlated
 
 
@@ -58,39 +56,21 @@ class Fit(NamedTuple):
 def _noise(lines: Floats) -> float:
     """Return the median of the pixels' noise variances, estimated from lines of shape (m, n).
 
-    The difference of two lines contains no fixed pattern. It has twice the noise variance of one
-    line.
-    """
-    return _white(lines[1:] - lines[:-1]) / 2.0
-
-
-@kernel
-def unequal_pixels(lines: Floats) -> float:
-    """Return the variance of the white part of the fixed pattern, from lines of shape (m, n).
-
-    Unequal gains of neighboring pixels are independent; the ground is blurred by the optics.
+    The difference of two lines contains no fixed pattern. Its third differences along the line
+    contain hardly any ground texture either, because the optics blur the texture.
     """
     m, n = lines.shape
-    mean = (lines.sum(axis=0) / np.float32(m)).reshape(1, n)
-    return float(max(_white(mean) / _MEDIAN_SQUARE - _noise(lines) / m, 0.0))
-
-
-@kernel
-def _white(rows: Floats) -> float:
-    """Return the median over the pixels of the variance of white noise in rows of shape (m, n).
-
-    Sixth differences along a row contain hardly any ground texture, because the optics blur it.
-    """
-    m, n = rows.shape
-    square = np.zeros(n - 6, np.float32)
-    for k in range(m):
-        row = rows[k]
-        for i in range(n - 6):
-            value = row[i] + row[i + 6] - np.float32(6.0) * (row[i + 1] + row[i + 5])
-            value += np.float32(15.0) * (row[i + 2] + row[i + 4]) - np.float32(20.0) * row[i + 3]
+    square = np.zeros(n - 3, np.float32)
+    for k in range(1, m):
+        new, old = lines[k], lines[k - 1]
+        for i in range(n - 3):
+            outer = new[i] - old[i] - new[i + 3] + old[i + 3]
+            inner = new[i + 2] - old[i + 2] - new[i + 1] + old[i + 1]
+            value = outer + np.float32(3.0) * inner
             square[i] += value * value
-    # The coefficients 1, 6, 15, 20, 15, 6 and 1 have the sum of squares 924.
-    return float(np.median(square) / (924.0 * m))
+    # The coefficients 1, 3, 3 and 1 of a third difference have the sum of squares 20, and the
+    # difference of two lines has twice the noise variance of one line.
+    return float(np.median(square) / (2.0 * 20.0 * (m - 1)))
 
 
 @linked

@@ -18,11 +18,12 @@ from numpy.typing import NDArray
 
 from linescan_odometry.joint import spectra
 from linescan_odometry.joint.candidates import bands, phases
-from linescan_odometry.joint.covariance import covariance, pivots, whiten
 from linescan_odometry.joint.spectra import Doubles, Floats, Spectrum
 from linescan_odometry.matching.transforms import transform_size
 from omni_core.kernels import kernel, linked
 
+LEAST_NOISE = 0.2  # smallest ratio of noise to power in a band, so that no band dominates
+_COHERENCE_LAG = 6  # line spacing at which the loss of coherence is measured
 _TAPER = 16  # each end of a line is tapered by a raised cosine over 1/16 of its length
 _LEAST_TAPER = 0.2  # smallest taper by which a pattern is divided near the ends of a line
 
@@ -109,6 +110,143 @@ def observe(
             information[f] += np.conj(row[f]) * own[f] * seen[f]
             precision[f] += row[f].real * own[f].real + row[f].imag * own[f].imag
     return spectra.FixedPattern(information, precision.astype(np.float64))
+
+
+@spectra.fast
+def covariance(
+    aligned: Spectrum, first: NDArray[np.int64], edges: NDArray[np.int64], fixed: Doubles
+) -> tuple[Doubles, Doubles]:
+    """Return the covariance model of each band, estimated by the method of moments.
+
+    Args:
+        aligned: spectra in the ground frame, blocks of lines one after the other, shape (t, F).
+        first: row of each block's first line, then the number of rows t, shape (blocks + 1,).
+        edges: edges of the bands [bins], shape (B + 1,).
+        fixed: power of the fixed pattern in the lines, which is not counted as texture, shape (F,).
+
+    Returns:
+        Texture power S, coherence rho of neighboring lines and noise power N, shape (3, B); the
+        power of each band and the covariance of neighboring lines in it, shape (2, B).
+    """
+    count = len(edges) - 1
+    far = min(np.diff(first).max() - 1, _COHERENCE_LAG)
+    sums, number = _products(aligned.view(np.float32), first, far, 2 * edges[-1])
+    model, moments = np.empty((3, count)), np.empty((2, count))
+    for b in range(count):
+        mean = np.zeros(3)
+        for which in range(3):
+            for f in range(2 * edges[b], 2 * edges[b + 1]):
+                mean[which] += sums[which, f]
+            mean[which] /= max(number[which], 1.0) * (edges[b + 1] - edges[b])
+        power, pattern = max(mean[0], 1e-9), fixed[edges[b] : edges[b + 1]].mean()
+        # Over few frequencies, the power of a pattern may exceed its expectation by chance.
+        pattern *= 1.0 + spectra.SIGNIFICANT / math.sqrt(edges[b + 1] - edges[b])
+        near = min(max(mean[1] - pattern, 1e-6 * power), 0.9999 * power)
+        rho, whole = 1.0, max(power - pattern, near)
+        if far > 1:
+            rho = (min(max(mean[2] - pattern, 1e-6 * power) / near, 1.0)) ** (1.0 / (far - 1))
+        rho = min(max(rho, near / whole, 0.01), 0.99999)
+        texture = min(near / rho, whole)
+        model[0, b], model[1, b] = texture, rho
+        model[2, b] = max(power - texture, LEAST_NOISE * power)
+        moments[0, b], moments[1, b] = power, mean[1] - pattern
+    return model, moments
+
+
+@spectra.fast
+def _products(
+    real: Floats, first: NDArray[np.int64], far: int, size: int
+) -> tuple[Floats, Doubles]:
+    """Return sums of the products of two lines in the same block, at three line spacings.
+
+    Args:
+        real: real and imaginary parts of the spectra in the ground frame, shape (t, 2 F).
+        first: row of the first line of each block, followed by the number of rows.
+        far: largest of the spacings 0, 1 and `far` [lines].
+        size: number of columns of `real` that are used.
+
+    Returns:
+        Sums, shape (3, size), and number of products in each sum, shape (3,).
+    """
+    sums, number = np.zeros((3, size), np.float32), np.zeros(3)
+    for block in range(len(first) - 1):
+        for which in range(3):
+            lag = far if which == 2 else which
+            number[which] += max(0, first[block + 1] - first[block] - lag)
+            for k in range(first[block] + lag, first[block + 1]):
+                new, old, total = real[k], real[k - lag], sums[which]
+                for f in range(len(total)):
+                    total[f] += new[f] * old[f]
+    return sums, number
+
+
+@spectra.fast
+def whiten(
+    spectra: Spectrum, first: NDArray[np.int64], edges: NDArray[np.int64], model: Doubles
+) -> Spectrum:
+    """Return the product of T^-1 and the lines of each block, shape (t, F); 0 outside all bands.
+
+    The cost is proportional to the number of lines. The covariance of the lines is ``T = A + N``:
+    an autoregressive part A, and white noise of power N. The inverse of A is tridiagonal, and
+    ``T^-1 = (1 - (1 + N A^-1)^-1) / N``.
+
+    Args:
+        spectra: spectra of the lines, blocks of lines one after the other, shape (t, F).
+        first: row of each block's first line, then the number of rows t, shape (blocks + 1,).
+        edges: edges of the bands [bins], shape (B + 1,).
+        model: texture power S, coherence rho and noise power N of each band, shape (3, B).
+    """
+    white = np.zeros_like(spectra)
+    for block in range(len(first) - 1):
+        start, end = first[block], first[block + 1]
+        lines = spectra[start:end].view(np.float32)  # T is real
+        out = white[start:end].view(np.float32)
+        m = end - start
+        inverse = np.empty(m, np.float32)
+        for b in range(len(edges) - 1):
+            i, j = 2 * edges[b], 2 * edges[b + 1]
+            off, scale = np.float32(pivots(model[:, b], inverse)), np.float32(1.0 / model[2, b])
+            out[0, i:j] = lines[0, i:j]
+            for k in range(1, m):
+                row, own, last = out[k, i:j], lines[k, i:j], out[k - 1, i:j]
+                ahead = off * inverse[k - 1]
+                for f in range(j - i):
+                    row[f] = own[f] - ahead * last[f]
+            out[m - 1, i:j] *= inverse[m - 1]
+            for k in range(m - 2, -1, -1):
+                row, part, after = out[k, i:j], inverse[k], out[k + 1, i:j]
+                for f in range(j - i):
+                    row[f] = (row[f] - off * after[f]) * part
+            for k in range(m):
+                row, own = out[k, i:j], lines[k, i:j]
+                for f in range(j - i):
+                    row[f] = scale * (own[f] - row[f])
+    return white
+
+
+@spectra.fast
+def pivots(band: Doubles, inverse: Floats | Doubles) -> float:
+    """Write to `inverse` the inverse pivots of the matrix ``1 + N A^-1`` of one frequency band.
+
+    The matrix is tridiagonal. Its pivots are those of Gaussian elimination. A is the autoregressive
+    part of the covariance, ``A_kj = S rho^|k - j|``.
+
+    Args:
+        band: texture power S, coherence rho and noise power N.
+        inverse: output, the inverse pivots, shape (m,); at least two.
+
+    Returns:
+        Off-diagonal element of the matrix.
+    """
+    texture, rho, noise = band[0], band[1], band[2]
+    m = len(inverse)
+    ratio = noise / (texture * (1.0 - rho * rho))
+    off: float = -ratio * rho
+    inverse[0] = 1.0 / (1.0 + ratio)
+    for k in range(1, m):
+        diagonal = 1.0 + ratio * (1.0 + rho * rho if k < m - 1 else 1.0)
+        inverse[k] = 1.0 / (diagonal - off * off * inverse[k - 1])
+    return off
 
 
 @linked
@@ -237,91 +375,6 @@ def _information(cut: Cut, model: _Model) -> Doubles:
     return total
 
 
-@kernel
-def _integrate(cut: Cut, white: Spectrum, model: _Model, power: Doubles, turn: Spectrum) -> Doubles:
-    """Integrate the pattern out of the likelihood; return the change of the slopes, shape (2,).
-
-    With the pattern, the covariance of the lines is ``T + V u u'``, where V is the variance of the
-    pattern and u_k the factor by which line k is shifted into the ground frame. The slopes are
-    those of the lines minus the posterior mean of the pattern, ``B = V u' T^-1 z / (1 + V q)`` with
-    ``q = u' T^-1 u``, plus the result, which is due to the posterior variance ``V / (1 + V q)``.
-    Without it, the ground texture that the mean contains would bias slow displacements.
-
-    Args:
-        cut: cut lines; the posterior mean of the pattern is subtracted from them in place.
-        white: product of T^-1 and the lines, changed in the same way.
-        model: covariance of the lines.
-        power: variance V of the pattern at each frequency, shape (F,).
-        turn: factor u of each line, shape (t, F).
-    """
-    own = whiten(turn, cut.first, model.edges, model.bands)
-    count = len(power)
-    shown, precision = np.zeros(count, np.complex64), np.zeros(count, np.float32)
-    for k in range(len(turn)):
-        u, w, by = turn[k], white[k], own[k]
-        for f in range(count):
-            shown[f] += np.conj(u[f]) * w[f]
-            precision[f] += u[f].real * by[f].real + u[f].imag * by[f].imag
-    variance = (power / (1.0 + power * precision)).astype(np.float32)
-    pattern = variance * shown
-    cut.spectra[:] -= pattern * turn
-    white[:] -= pattern * own
-    change = np.empty(2)
-    for which in range(2):
-        weight = model.along[which, cut.line].astype(np.float32)
-        change[which] = (model.rate * variance * turned(turn, own, weight)).sum()
-    return change
-
-
-@kernel
-def _shared(cut: Cut, model: _Model, power: Doubles, paths: Doubles) -> Doubles:
-    """Return the loss of information on d and a due to an unknown fixed pattern, shape (2, 2).
-
-    With ``w = T^-1 u``, ``c = V / (1 + V q)``, and ``y = (K T - T K) w``, the loss in one element
-    is ``f^2 (c Re(y' T^-1 y) - 2 c^2 Im(w' K u) Im(w' K u))``. Each band is represented by its
-    middle frequency.
-
-    Args:
-        cut: cut lines.
-        model: covariance of the lines.
-        power: variance V of the pattern at each frequency, shape (F,).
-        paths: displacement of each line [px], shape (m,).
-    """
-    edges, (texture, rho, noise) = model.edges, model.bands
-    loss = np.zeros((2, 2))
-    for block in range(len(cut.first) - 1):
-        line = cut.line[cut.first[block] : cut.first[block + 1]]
-        m = len(line)
-        first, each = np.array([0, m]), np.arange(2)
-        for b in range(len(rho)):
-            i, j = edges[b], edges[b + 1]
-            band, variance = model.bands[:, b : b + 1].copy(), power[i:j].mean()
-            angle = -0.5 * (model.rate[i] + model.rate[j - 1]) * paths[line]
-            u = (np.cos(angle) + 1j * np.sin(angle)).astype(np.complex64).reshape(-1, 1)
-            w = whiten(u, first, each, band)
-            c = variance / (1.0 + variance * float((np.conj(u) * w).real.sum()))
-            y, turned_by = np.empty((2, m), np.complex64), np.empty(2)
-            for which in range(2):
-                along = model.along[which, line].astype(np.float32).reshape(-1, 1)
-                moved = (along * w)[:, 0]
-                y[which] = (along * u)[:, 0] - np.float32(noise[b]) * moved
-                before = after = np.complex64(0.0)  # sums over the lines to both sides of a line
-                for k in range(m):
-                    before = moved[k] + np.float32(rho[b]) * before
-                    y[which, k] -= np.float32(texture[b]) * before
-                for k in range(m - 1, -1, -1):
-                    y[which, k] -= np.float32(texture[b]) * after
-                    after = np.float32(rho[b]) * (moved[k] + after)
-                turned_by[which] = float((np.conj(w) * along * u).imag.sum())
-            for one in range(2):
-                white = whiten(y[one].copy().reshape(-1, 1), first, each, band)[:, 0]
-                for other in range(2):
-                    both = c * float((np.conj(y[other]) * white).real.sum())
-                    both -= 2.0 * c * c * turned_by[one] * turned_by[other]
-                    loss[one, other] += both * (model.rate[i:j] ** 2).sum()
-    return loss
-
-
 @linked
 @kernel
 def expand(lines: Floats, fixed: Doubles, motion: Doubles, limit: int, spread: float) -> Expansion:
@@ -349,13 +402,9 @@ def expand(lines: Floats, fixed: Doubles, motion: Doubles, limit: int, spread: f
     model = _Model(edges, covariances, rate, along)
     white = whiten(cut.spectra, cut.first, edges, covariances)
     weights = along[:, cut.line].astype(np.float32)
-    expected, information = np.zeros(2), _information(cut, model)
-    if power.max() > 0.0:
-        turn = phases(paths[cut.line], cut.size, len(rate))
-        expected = _integrate(cut, white, model, power, turn)
-        information -= _shared(cut, model, power, paths)
-    slopes = expected + np.array([(rate * turned(cut.spectra, white, by)).sum() for by in weights])
+    slopes = np.array([(rate * turned(cut.spectra, white, by)).sum() for by in weights])
     slopes[1] -= motion[1] / spread**2
+    information = _information(cut, model)
     information[1, 1] += 1.0 / spread**2
     determinant = information[0, 0] * information[1, 1] - information[0, 1] ** 2
     if cut.length == 0 or information[0, 0] <= 0.0 or determinant <= 0.0:

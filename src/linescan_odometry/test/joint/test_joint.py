@@ -12,10 +12,9 @@ import pytest
 
 from linescan_odometry.configuration import OdometryConfiguration
 from linescan_odometry.joint import candidates
-from linescan_odometry.joint.covariance import whiten
 from linescan_odometry.joint.estimator import JointEstimator
 from linescan_odometry.joint.fit import _moved, assess, scatter
-from linescan_odometry.joint.likelihood import Expansion, expand
+from linescan_odometry.joint.likelihood import Expansion, expand, whiten
 from linescan_odometry.joint.spectra import shrink, without_defects
 from linescan_odometry.odometry import LineScanOdometry
 from linescan_odometry.sensor import SensorOdometry
@@ -88,48 +87,6 @@ def test_unequal_gains_do_not_draw_a_motion_to_rest(displacement: float, expose:
     found = estimator().estimate(np.rint(lines).clip(0, 255).astype(np.uint8))
     assert found.reason == ""
     assert abs(found.value - displacement) < max(5.0 * math.sqrt(found.variance), 0.02)
-
-
-def errors_of(expose: Expose, displacement: float, gains: float, grain: float) -> tuple[Any, Any]:
-    """Return errors and deviations [px] of first batches of cameras with unequal gains."""
-    found, generator = [], np.random.default_rng(8)
-    for seed in range(8):
-        gain = 1.0 + gains * generator.standard_normal(PIXELS)
-        lines = moved(expose, displacement, grain=grain, seed=seed, noise_seed=seed) * gain
-        lines = np.rint(lines).clip(0, 255).astype(np.uint8)
-        found.append(estimator().estimate(lines))
-    assert not any(each.reason for each in found)
-    return tuple(np.array([(f.value - displacement, math.sqrt(f.variance)) for f in found]).T)
-
-
-@pytest.mark.parametrize("gains", [0.0, 0.05])
-@pytest.mark.parametrize("displacement", [0.01, 0.1, 0.3])
-def test_ground_in_slow_motion_is_not_taken_for_a_fixed_pattern(
-    displacement: float, gains: float, expose: Expose
-) -> None:
-    errors, deviations = errors_of(expose, displacement, gains, 6.0)
-    assert abs(np.mean(errors)) < max(0.1 * displacement, 3.0 * np.mean(deviations) / 8**0.5)
-    assert np.mean((errors / deviations) ** 2) < 4.0
-
-
-@pytest.mark.parametrize("displacement", [0.0, 3.0])
-def test_the_gain_of_a_line_does_not_change_its_displacement(
-    displacement: float, expose: Expose
-) -> None:
-    mains = 1.0 + 0.2 * np.sin(2.0 * np.pi * 100.0 * np.arange(LINES) / RATE)
-    lines = moved(expose, displacement) * mains[:, None]
-    found = estimator().estimate(np.rint(lines).clip(0, 255).astype(np.uint8))
-    assert found.reason == ""
-    assert abs(found.value - displacement) < 5.0 * math.sqrt(found.variance)
-
-
-def test_only_a_certain_shift_changes_the_fixed_pattern(expose: Expose) -> None:
-    camera = estimator()
-    for displacement in (0.0, 0.2, 0.8):  # 0, 5 and 20 px within the batch
-        camera.estimate(moved(expose, displacement))
-        assert not camera.pattern.precision.any()
-    camera.estimate(moved(expose, 3.0))
-    assert camera.pattern.precision.any()
 
 
 @pytest.mark.parametrize("displacement", [0.8, 1.5])
