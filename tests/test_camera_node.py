@@ -109,7 +109,7 @@ def camera(name: str, source: Path) -> NodeProcess:
     given = {"sensor": name, "source": source, "frame_rate": FRAME_RATE, "length": LENGTH}
     given |= {"band": "false", "batch": BATCH, "subscribers": 1}
     arguments = [word for key, value in given.items() for word in ("-p", f"{key}:={value}")]
-    return NodeProcess(name, "linescan_odometry", "camera", ["--ros-args", *arguments])
+    return NodeProcess(name, "omni_vehicle", "camera", ["--ros-args", *arguments])
 
 
 def test_films_of_the_ground_give_the_twist(tmp_path: Path) -> None:
