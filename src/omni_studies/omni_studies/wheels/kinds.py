@@ -114,48 +114,51 @@ def metrics(pushes: Mapping[str, Trial], stops: Mapping[str, Trial]) -> dict[str
     return found
 
 
-def draw(pushes: Mapping[str, Trial], stops: Mapping[str, Trial]) -> Figure:
-    """Draw the pushed vehicles beside each other, and the stops; forward is up.
+def draw(pushes: Mapping[str, Trial], stops: Mapping[str, Trial], apart: float = 3.4) -> Figure:
+    """Draw the pushed vehicles and the stops, each beside each other; forward is up.
 
     Args:
         pushes: results of `pushed`, keyed by kind.
         stops: results of `stopped`, keyed by kind.
+        apart: distance between the starts of two vehicles in the figure [m].
     """
     figure, ((push, stop),) = style.panels(
-        "", 1, 2, size=(10.0, 6.4), x="right of the start [m]", y="ahead of the start [m]"
+        "", 1, 2, size=(12.0, 6.4), x="right of the first start [m]", y="ahead of the start [m]"
     )
     push.set_title(
-        f"wheels free, pushed for {PUSH_TIME:g} s at {math.degrees(PUSH_ANGLE):g} deg (arrow)"
+        f"wheels free, pushed for {PUSH_TIME:g} s at {math.degrees(PUSH_ANGLE):.0f} deg (arrow)"
     )
     stop.set_title(f"all brakes on at {SPEED:g} m/s, load at the front left")
-    for axes, trials, width in ((push, pushes, 0.0), (stop, stops, 3.2)):
+    arrow = 1.5 * np.array([[math.cos(PUSH_ANGLE), math.sin(PUSH_ANGLE)]])
+    for axes, trials in ((push, pushes), (stop, stops)):
         for index, (kind, trial) in enumerate(trials.items()):
-            _draw_trial(axes, trial, index * width, _COLORS[kind], KINDS[kind])
+            start = np.array([index * apart, 0.0])
+            _draw_trial(axes, trial, start, _COLORS[kind], KINDS[kind])
+            if axes is push:
+                look = {"arrowstyle": "-|>", "lw": 2.0}
+                axes.annotate("", start, start - ahead_up(arrow)[0], arrowprops=look)
         axes.set_aspect("equal")
         axes.margins(0.08)
-    arrow = 2.5 * np.array([[math.cos(PUSH_ANGLE), math.sin(PUSH_ANGLE)]])
-    push.annotate("", ahead_up(arrow)[0], (0.0, 0.0), arrowprops={"arrowstyle": "-|>", "lw": 2.0})
     handles, labels = stop.get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=3)
     return figure
 
 
-def _draw_trial(axes: Axes, trial: Trial, shift: float, color: str, label: str) -> None:
+def _draw_trial(axes: Axes, trial: Trial, start: FloatArray, color: str, label: str) -> None:
     """Draw the path of a trial, with the vehicle at its start and end.
 
     Args:
         axes: axes to draw on.
         trial: the trial.
-        shift: distance to the right by which the trial is shifted in the picture [m].
+        start: place of the start in the figure [m], shape (2,).
         color: color of the vehicle.
         label: entry of the legend.
     """
     vehicle = trial.vehicle
     scene = Scene(vehicle.chassis_length, vehicle.chassis_width, vehicle.wheels)
-    right = np.array([shift, 0.0])
-    axes.plot(*(ahead_up(trial.path[:, :2]) + right).T, color=color, label=label)
+    axes.plot(*(ahead_up(trial.path[:, :2]) + start).T, color=color, label=label)
     for row, faint in ((0, 0.35), (-1, 1.0)):
         for outline in (scene.chassis, *scene.wheel_outlines):
-            corners = ahead_up(placed(outline, trial.path[row, :3])) + right
+            corners = ahead_up(placed(outline, trial.path[row, :3])) + start
             patch = Polygon(corners, facecolor="none", edgecolor=color, alpha=faint, linewidth=1.4)
             axes.add_patch(patch)
