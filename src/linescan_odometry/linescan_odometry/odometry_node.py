@@ -5,7 +5,7 @@ timeouts.
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from copy import copy
 from functools import partial
 from typing import Any
@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from geometry_msgs.msg import TwistWithCovarianceStamped
 from rclpy.node import Node
-from sensor_msgs.msg import CameraInfo
+from sensor_msgs.msg import CameraInfo, JointState
 
 from linescan_odometry.measurements import FlowReading, SensorReading
 from linescan_odometry.odometry import OdometryConfiguration, TwistEstimate
@@ -87,6 +87,8 @@ class OdometryNode(Node):
             subscribe(self, topics.lines(name), partial(self._on_lines, name), newest, raw=True)
             received = partial(self._on_camera_info, name, sensor)
             subscribe(self, topics.camera_info(name), received, LATCHED)
+        if configuration.is_steered:
+            subscribe(self, topics.STEERING, self._on_steering, qos)
         for name in configuration.flow_sensors:
             subscribe(self, topics.flow(name), partial(self._on_flow, name), qos)
 
@@ -104,11 +106,21 @@ class OdometryNode(Node):
     def _on_flow(self, sensor: str, message: TwistWithCovarianceStamped) -> None:
         self._take(sensor, messages.flow_of(message))
 
+    def _on_steering(self, message: JointState) -> None:
+        angles = dict(zip(message.name, message.position, strict=False))
+        stamp_ns = messages.to_nanoseconds(message.header.stamp)
+        self._publish(self._odometry.steer(stamp_ns, angles))
+
     def _on_camera_info(self, name: str, sensor: LineSensor, message: CameraInfo) -> None:
         self._contradictions[name] = line_images.contradiction_of(message, sensor)
 
     def _take(self, sensor: str, batch: LineBatch | Flow) -> None:
-        for estimate, sideslip in self._odometry.take(sensor, batch):
+        self._publish(self._odometry.take(sensor, batch))
+
+    def _publish(
+        self, estimates: Iterable[tuple[TwistEstimate, dict[str, SideslipEstimate]]]
+    ) -> None:
+        for estimate, sideslip in estimates:
             for topic, message in estimate_messages(estimate, sideslip).items():
                 prefix_frames(message, self._prefix)
                 self._estimates[topic].publish(message)
@@ -130,6 +142,7 @@ class OdometryNode(Node):
         fixed = [
             messages.fixed_transform(name, np.array([sensor.x, sensor.y, sensor.heading]))
             for name, sensor in sensors.items()
+            if not sensor.carrier
         ]
         for transform in fixed:
             prefix_frames(transform, self._prefix)

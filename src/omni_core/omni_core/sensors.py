@@ -7,8 +7,10 @@ Each pixel integrates over the `width` of the footprint across the axis (dissert
 4.3.2).
 """
 
+import dataclasses
 import math
 from collections.abc import Mapping
+from typing import TypeVar
 
 import numpy as np
 
@@ -43,6 +45,13 @@ class Mount(Configuration):
     """Standard error of the axis direction"""
     lever_error: float = parameter(0.0, unit="m", minimum=0.0, maximum=10.0)
     """Standard error of the distance between base_link and the straight line along the axis"""
+    carrier: str = parameter("")
+    """Steered wheel with which the sensor turns; empty if the sensor is fixed to the body. Position
+    and heading are those at a steering angle of 0"""
+    carrier_x: float = parameter(0.0, unit="m", minimum=-LARGEST_OFFSET, maximum=LARGEST_OFFSET)
+    """Position of the steering axis of `carrier`, forward of base_link"""
+    carrier_y: float = parameter(0.0, unit="m", minimum=-LARGEST_OFFSET, maximum=LARGEST_OFFSET)
+    """Position of the steering axis of `carrier`, left of base_link"""
 
     @property
     def heading(self) -> float:
@@ -53,6 +62,9 @@ class Mount(Configuration):
     def directions(self) -> tuple[float, ...]:
         """Directions of the measured velocities in the body frame [rad]."""
         return (self.heading,)
+
+
+M = TypeVar("M", bound=Mount)
 
 
 class LineSensor(Mount):
@@ -125,6 +137,30 @@ def heading_remarks(key: str, mounts: Mapping[str, Mount]) -> tuple[str, ...]:
 def _rounded_radians(angle: float) -> bool:
     """Return whether an angle is a multiple of 30 or 45 deg in radians with two decimals."""
     return any(abs(angle - common) <= 0.5e-2 for common in _COMMON_HEADINGS)
+
+
+def turned_mount(sensor: M, angle: float) -> M:
+    """Return the mounting of a sensor whose carrier has turned by a steering angle [rad]."""
+    cos, sin = math.cos(angle), math.sin(angle)
+    x, y = sensor.x - sensor.carrier_x, sensor.y - sensor.carrier_y
+    heading = math.remainder(sensor.heading + angle, math.tau)
+    return dataclasses.replace(
+        sensor,
+        x=sensor.carrier_x + cos * x - sin * y,
+        y=sensor.carrier_y + sin * x + cos * y,
+        heading_deg=math.degrees(heading),
+    )
+
+
+def carried_velocity(sensor: Mount, rate: float) -> list[float]:
+    """Return the velocities that a steering rate causes along the directions of a sensor [m/s].
+
+    Args:
+        sensor: sensor at the present steering angle.
+        rate: rate of the steering angle [rad/s].
+    """
+    x, y = sensor.x - sensor.carrier_x, sensor.y - sensor.carrier_y
+    return [rate * velocity_row(x, y, direction)[2] for direction in sensor.directions]
 
 
 def sensor_matrix(sensors: Mapping[str, Mount]) -> FloatArray:
