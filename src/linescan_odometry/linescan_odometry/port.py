@@ -25,16 +25,22 @@ _PATIENCE_NS = 15_000_000
 """Time by which another sensor may be ahead before a group stops waiting [ns]."""
 
 
+_Steering = Mapping[str, tuple[float, float]]
+
+
 class Odometry(Protocol):
     """Interface of an odometry estimator."""
 
     def match(self, name: str, batch: LineBatch) -> None:
         """Start to process a batch of one camera; the next `update` receives the same batch."""
 
-    def update(self, batches: Mapping[str, LineBatch | Flow], **steering: Any) -> TwistEstimate:
+    def update(
+        self, batches: Mapping[str, LineBatch | Flow], steering: _Steering | None = None
+    ) -> TwistEstimate:
         """Return the twist estimated from the measurements since the last update.
 
-        `steering` contains an entry ``steering`` if cameras are on steered carriers.
+        `steering` is given only if cameras are on steered carriers: mean angle [rad] and rate
+        [rad/s] of each carrier during the batch, keyed by wheel.
         """
 
     def warm_up(self) -> None:
@@ -50,8 +56,11 @@ class _OwnOdometry:
     def match(self, name: str, batch: LineBatch) -> None:
         pass
 
-    def update(self, batches: Mapping[str, LineBatch | Flow], **steering: Any) -> TwistEstimate:
-        twist: TwistSample = self._odometry.update(batches, **steering)
+    def update(
+        self, batches: Mapping[str, LineBatch | Flow], steering: _Steering | None = None
+    ) -> TwistEstimate:
+        inputs = (batches,) if steering is None else (batches, steering)
+        twist: TwistSample = self._odometry.update(*inputs)
         return TwistEstimate(twist.stamp_ns, twist.value, twist.covariance, True, {})
 
     def warm_up(self) -> None:
@@ -285,8 +294,8 @@ class OdometryPort:
             if self._steered and late and len(self._groups) < 2:
                 return
             self._groups.popleft()
-            own = {"steering": self._angles(batches)} if self._steered else {}
-            estimate = self._odometry.update(batches, **own)
+            steering = self._angles(batches) if self._steered else None
+            estimate = self._odometry.update(batches, steering)
             angles = {name: wheel.measure_with(estimate) for name, wheel in self._wheels.items()}
             yield estimate, angles
 
