@@ -109,9 +109,11 @@ def read_streams(
         stamp_ns = decode.header_stamp_ns(message)
         if stamp_ns is None:
             raise BagError(bag.path, f"{recorded.channel.topic} has no stamp")
-        watch = clocks.setdefault(recorded.channel.topic, clock.ClockWatch())
-        watch.add(stamp_ns, recorded.log_ns)
-        messages.setdefault(known[recorded.channel.topic].name, []).append((stamp_ns, message))
+        topic = known[recorded.channel.topic]
+        if not topic.shared:  # of several publishers, one that hung is late, not the clock
+            watch = clocks.setdefault(topic.path, clock.ClockWatch())
+            watch.add(stamp_ns, recorded.log_ns)
+        messages.setdefault(topic.name, []).append((stamp_ns, message))
     for path, watch in clocks.items():
         if watch.jumps:
             raise BagError(
