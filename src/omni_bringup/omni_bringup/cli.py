@@ -191,7 +191,7 @@ def _chosen(program: str, group: Any, words: Sequence[str]) -> str:
         choices.add_parser(name, help=line.replace("%", "%%"))
     if words and not words[0].startswith("-"):
         hint = configuration.did_you_mean(words[0], shown)
-        parser.error(f"{words[0]!r} is not one of {', '.join(known)}{hint}")
+        parser.error(f"{words[0]!r} is not one of {', '.join(shown)}{hint}")
     if top:
         parser.add_argument("--version", action="version", version=_version())
     parser.parse_args(words[:1])
