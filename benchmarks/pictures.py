@@ -34,6 +34,7 @@ DRAWN: tuple[tuple[str, tuple[str, ...], dict[str, str]], ...] = (
         ("study", "swerve"),
         {"forces": "forces", "manifold": "manifold", "weighting": "weighting"},
     ),
+    ("wheels", ("study", "wheels"), {"wheel_kinds": "kinds"}),
     ("grounds", ("study", "grounds"), {"grounds": "grounds"}),
     ("tuning", ("study", "tuning"), {"tuning": "trade_off"}),
     (

@@ -7,7 +7,7 @@ from omni_brake_assist.weighting import WEIGHTINGS, check_tuning_constant
 from omni_core.brakes import BrakeConfiguration
 from omni_core.configuration import Configuration, ConfigurationError, parameter, section
 from omni_core.geometry import WheelMount
-from omni_core.kinematics import PlatformKinematics
+from omni_core.kinematics import PlatformKinematics, require_omni_wheels
 from omni_core.plugins import check_name
 from omni_core.quantities import CONTROL_PERIOD
 
@@ -156,7 +156,8 @@ class BrakeAssistConfiguration(Configuration):
                 delay and timeout last too many control periods, or the rotation of the IMU is
                 incomplete.
             UnusablePlatformError: the wheels cannot brake the platform in all three degrees of
-                freedom, as section 3.3 of the dissertation requires.
+                freedom, as section 3.3 of the dissertation requires, or a wheel is conventional
+                while the assistant may release brakes or detects faults.
         """
         check_name("law", self.law, LAWS, LAW_GROUP)
         try:
@@ -187,3 +188,7 @@ class BrakeAssistConfiguration(Configuration):
         if len(self.imu_rotation_deg) not in (0, 3):
             raise ConfigurationError("imu_rotation_deg", "must be three angles: roll, pitch, yaw")
         PlatformKinematics.of(self.wheels)
+        if self.enabled:
+            require_omni_wheels(self.wheels, f"the law {self.law} (unless enabled is false)")
+        if self.fault_detection:
+            require_omni_wheels(self.wheels, "fault_detection")

@@ -19,7 +19,7 @@ from omni_brake_assist.configuration import MOST_VALVES, BrakeAssistConfiguratio
 from omni_brake_assist.laws.built_in import law_constants
 from omni_core.brakes import ON_OFF, PROPORTIONAL, BrakeConfiguration
 from omni_core.configuration import ConfigurationError
-from omni_core.geometry import PlatformGeometry, cross
+from omni_core.geometry import PlatformGeometry, WheelMount, cross
 from omni_core.kinematics import UnusablePlatformError
 from omni_core.signals import TwistSample
 
@@ -274,3 +274,18 @@ def test_a_delay_of_too_many_control_periods_is_refused_by_name(mecanum: Wheels)
             maximum_time_step=2.0,
             control_period=1e-4,
         )
+
+
+def test_conventional_wheels_are_refused_unless_the_assistant_only_observes(
+    mecanum: Wheels,
+) -> None:
+    """Laws and fault detection assume rollers; with both off, all brakes act."""
+    wheels = {**mecanum, "castor": WheelMount(kind="conventional", x=0.0, y=0.0)}
+    off = {"enabled": False, "fault_detection": False}
+    for name, words in (
+        ("enabled", "the law sliding_mode"),
+        ("fault_detection", "fault_detection"),
+    ):
+        with pytest.raises(UnusablePlatformError, match=rf"wheels\.castor\.kind: .*{words}"):
+            BrakeAssistConfiguration(wheels=wheels, **{**off, name: True})
+    BrakeAssist(BrakeAssistConfiguration(wheels=wheels, **off))

@@ -8,6 +8,9 @@ vectors in the ground plane ``a x k = (a_y, -a_x)`` and ``cross(a, b) = a_x b_y 
 The roller angle gamma is the angle from the rolling direction to the axis of the roller on the
 ground: 0 for the kiwi drive, +45 or -45 deg for a Mecanum wheel. The sign of the active direction
 follows Eq. (30), ``u_i . n_wi = -cos(gamma)``; it has no physical effect.
+
+A conventional wheel has no rollers. It rolls like a wheel with gamma = 0, but also exerts a force
+along its passive direction, which is its axis.
 """
 
 from __future__ import annotations
@@ -20,7 +23,7 @@ from functools import cached_property
 import numpy as np
 
 from omni_core.configuration import Configuration, ConfigurationError, parameter
-from omni_core.quantities import LARGEST_OFFSET, FloatArray
+from omni_core.quantities import LARGEST_OFFSET, BoolArray, FloatArray
 
 TYPICAL_WIDTH = 0.4
 """Ratio of a wheel's width to its diameter where the width is unknown [1], such as 80 mm for a
@@ -30,23 +33,50 @@ _ROUNDING = 1e-6
 """Limit on the error of a center due to positions that are rounded in a file [m]"""
 
 
-class WheelMount(Configuration):
-    """One omni-wheel on the platform, in the body frame."""
+NO_ROLLERS = 90.0
+"""Roller angle of a wheel without rollers [deg]; an omni-wheel cannot have this angle"""
 
+
+class WheelMount(Configuration):
+    """One wheel on the platform, in the body frame."""
+
+    kind: str = parameter("omni", choices=("omni", "conventional"))
+    """Kind of wheel: `omni` has rollers, `conventional` has none, so that it resists sideways
+    motion"""
     x: float = parameter(unit="m", minimum=-LARGEST_OFFSET, maximum=LARGEST_OFFSET)
     """Position of the wheel contact, forward of base_link"""
     y: float = parameter(unit="m", minimum=-LARGEST_OFFSET, maximum=LARGEST_OFFSET)
     """Position of the wheel contact, left of base_link"""
     heading_deg: float = parameter(0.0, unit="deg", minimum=-360.0, maximum=360.0)
     """Rolling direction u of the wheel, counter-clockwise from the forward direction"""
-    roller_angle_deg: float = parameter(unit="deg", minimum=-180.0, maximum=180.0)
+    roller_angle_deg: float = parameter(NO_ROLLERS, unit="deg", minimum=-180.0, maximum=180.0)
     """Axis of the roller on the ground, counter-clockwise from the rolling direction (gamma: 0
-    for a kiwi drive, +/-45 for Mecanum wheels)"""
+    for a kiwi drive, +/-45 for Mecanum wheels); required for an omni-wheel"""
     radius: float = parameter(0.2, unit="m", minimum=1e-3, maximum=10.0)
     """Radius of the unloaded wheel including its rollers"""
     width: float = parameter(0.0, unit="m", minimum=0.0, maximum=10.0)
     """Width of the wheel, for stopping areas and pictures; 0 if unknown, which stands for 0.4 times
     the diameter"""
+    steering_limit_deg: float = parameter(0.0, unit="deg", minimum=0.0, maximum=360.0)
+    """Largest steering angle of a conventional wheel to either side of its heading; 0 if the wheel
+    is not steered"""
+    steering_rate_deg: float = parameter(90.0, unit="deg/s", above=0.0, maximum=3600.0)
+    """Largest rate of the steering angle"""
+
+    def check_consistency(self) -> None:
+        """Check that only an omni-wheel has a roller angle, and only another wheel is steered.
+
+        Raises:
+            ConfigurationError: a value does not belong to this kind of wheel.
+        """
+        if self.kind == "omni" and self.steering_limit_deg > 0.0:
+            raise ConfigurationError(
+                "steering_limit_deg", "only a wheel with kind: conventional can be steered"
+            )
+        if self.kind == "conventional" and self.roller_angle_deg != NO_ROLLERS:
+            raise ConfigurationError(
+                "roller_angle_deg", "a wheel with kind: conventional has no rollers; omit the angle"
+            )
 
     @property
     def assumed_width(self) -> float:
@@ -65,8 +95,9 @@ class PlatformGeometry:
         rolling: ``u_i = n_i x k``, unit rolling directions, shape (N, 2).
         active: ``n_wi``, unit roller axes (active directions), shape (N, 2).
         passive: ``u_wi = n_wi x k``, unit free-rolling directions, shape (N, 2).
-        roller_angle: roller angles gamma [rad], shape (N,).
+        roller_angle: roller angles gamma [rad], 0 for conventional wheels, shape (N,).
         radius: radii R of the unloaded wheels [m], shape (N,).
+        conventional: whether each wheel has no rollers, shape (N,).
     """
 
     names: tuple[str, ...]
@@ -77,6 +108,7 @@ class PlatformGeometry:
     passive: FloatArray
     roller_angle: FloatArray
     radius: FloatArray
+    conventional: BoolArray
 
     @classmethod
     def from_wheels(cls, wheels: Mapping[str, WheelMount]) -> PlatformGeometry:
@@ -93,7 +125,9 @@ class PlatformGeometry:
             raise ConfigurationError("wheels", "a platform needs at least one wheel")
         mounts = list(wheels.values())
         heading = np.array([math.radians(mount.heading_deg) for mount in mounts])
+        conventional = np.array([mount.kind == "conventional" for mount in mounts])
         gamma = np.array([math.radians(mount.roller_angle_deg) for mount in mounts])
+        gamma[conventional] = 0.0
         rolling = _directions(heading)
         active = -_directions(heading + gamma)  # Eq. (30): u . n_w = -cos(gamma)
         return cls(
@@ -105,6 +139,7 @@ class PlatformGeometry:
             passive=np.column_stack((active[:, 1], -active[:, 0])),
             roller_angle=gamma,
             radius=np.array([mount.radius for mount in mounts]),
+            conventional=conventional,
         )
 
     @cached_property

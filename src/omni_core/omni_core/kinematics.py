@@ -4,6 +4,10 @@ Source: V. Kalman, "On modeling and control of omnidirectional wheels", BME Buda
 section 2.5.1, after G. Indiveri, IEEE Transactions on Robotics 25 (2009) 164-171. Equation (32)
 contains a printing error; it is interpreted as ``omega_i = M_i (v_cx, v_cy, Omega)^T / (R_i cos
 gamma_i)``.
+
+A conventional wheel has no rollers, so a vehicle with such wheels cannot move in all directions:
+its matrix may have a rank below 3, and its twist also fulfils the condition that these wheels do
+not slip along their axes.
 """
 
 from __future__ import annotations
@@ -14,7 +18,7 @@ from functools import cached_property, lru_cache
 import numpy as np
 
 from omni_core.configuration import ConfigurationError
-from omni_core.geometry import PlatformGeometry, WheelMount
+from omni_core.geometry import PlatformGeometry, WheelMount, cross
 from omni_core.quantities import FloatArray
 
 # A roller axis within 0.06 deg of the wheel axis cannot transmit a useful drive force.
@@ -28,8 +32,27 @@ class UnusablePlatformError(ConfigurationError):
     """The wheels do not allow motion in all three degrees of freedom."""
 
 
+def require_omni_wheels(wheels: Mapping[str, WheelMount], what: str) -> None:
+    """Raise an error unless all wheels are omni-wheels.
+
+    Args:
+        wheels: wheels of a platform, keyed by name.
+        what: the law or tool that requires omni-wheels, for the message.
+
+    Raises:
+        UnusablePlatformError: a wheel is conventional; the message names the wheel and `what`.
+    """
+    for name, mount in wheels.items():
+        if mount.kind != "omni":
+            raise UnusablePlatformError(
+                f"wheels.{name}.kind",
+                f"is {mount.kind}, but {what} requires a vehicle that can move in all three "
+                "degrees of freedom, on omni-wheels only",
+            )
+
+
 class PlatformKinematics:
-    """Forward and inverse kinematics of N wheels with rollers at any angle.
+    """Forward and inverse kinematics of N wheels with rollers at any angle, or without rollers.
 
     Attributes:
         geometry: positions and directions of the wheels.
@@ -37,7 +60,8 @@ class PlatformKinematics:
             [m/s], with columns in [1], [1] and [m], shape (N, 3).
 
     Raises:
-        UnusablePlatformError: a wheel has ``cos gamma = 0``, or ``rank M < 3``.
+        UnusablePlatformError: a wheel has ``cos gamma = 0``, or ``rank M < 3`` and no wheel is
+            conventional.
     """
 
     def __init__(self, wheels: Mapping[str, WheelMount]) -> None:
@@ -48,13 +72,15 @@ class PlatformKinematics:
             if abs(value) < _MINIMUM_COS_GAMMA:
                 raise UnusablePlatformError(
                     f"wheels.{name}.roller_angle_deg",
-                    "the roller axis is parallel to the wheel axis (cos gamma = 0), so the wheel "
-                    "cannot generate movement; choose an angle away from +/-90 deg",
+                    "is required; at +/-90 deg the roller axis is parallel to the wheel axis "
+                    "(cos gamma = 0), so the wheel cannot generate movement; choose another angle, "
+                    "or kind: conventional for a wheel without rollers",
                 )
         # Eq. (33)
         lever = np.sum(geometry.position * geometry.passive, axis=1)
         self.matrix: FloatArray = -np.column_stack((geometry.active, lever))
-        _require_rank_three(self.matrix, geometry)
+        if not geometry.conventional.any():
+            _require_rank_three(self.matrix, geometry)
         self._inverse = self._inverse_with(geometry.radius)
 
     @staticmethod
@@ -74,7 +100,12 @@ class PlatformKinematics:
 
     @cached_property
     def _forward(self) -> FloatArray:
-        return np.linalg.pinv(self._inverse).astype(np.float64)
+        geometry = self.geometry
+        gripping = geometry.conventional
+        sideways = np.column_stack((geometry.passive, cross(geometry.position, geometry.passive)))
+        rows = np.vstack((self._inverse, (sideways / geometry.radius[:, np.newaxis])[gripping]))
+        forward = np.linalg.pinv(rows)[:, : len(gripping)]
+        return np.ascontiguousarray(forward, dtype=np.float64)
 
     def wheel_speeds(self, twist: FloatArray, radius: FloatArray | None = None) -> FloatArray:
         """Return the wheel speeds for rolling without slip, Eqs. (28), (32).
@@ -90,6 +121,8 @@ class PlatformKinematics:
 
     def twist(self, wheel_speeds: FloatArray) -> FloatArray:
         """Return the body twist that fits the wheel speeds best (least squares).
+
+        Conventional wheels do not slip along their axes in this fit.
 
         Args:
             wheel_speeds: speeds of the wheels [rad/s], shape (..., N).

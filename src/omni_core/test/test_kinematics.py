@@ -10,10 +10,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from omni_core.configuration import ConfigurationError
 from omni_core.geometry import WheelMount, cross
 from omni_core.kinematics import (
     PlatformKinematics,
     UnusablePlatformError,
+    require_omni_wheels,
     smallest_singular_value,
 )
 
@@ -155,3 +157,51 @@ def test_two_wheels_are_refused_by_rank() -> None:
 
 def test_cross_is_the_planar_cross_product() -> None:
     assert cross(np.array([1.0, 0.0]), np.array([0.0, 2.0])) == 2.0
+
+
+CORNERS = [(L / 2, W / 2), (L / 2, -W / 2), (-L / 2, W / 2), (-L / 2, -W / 2)]
+
+
+def conventional(x: float, y: float, heading_deg: float = 0.0) -> WheelMount:
+    return WheelMount(kind="conventional", x=x, y=y, heading_deg=heading_deg, radius=R)
+
+
+@given(speeds, speeds)
+def test_two_driven_wheels_are_a_differential_drive(left: float, right: float) -> None:
+    """The axle is 0.3 m behind base_link, so a turn moves base_link sideways, in closed form."""
+    wheels = {"left": conventional(-0.3, W / 2), "right": conventional(-0.3, -W / 2)}
+    twist = PlatformKinematics(wheels).twist(np.array([left, right]))
+    turn = R * (right - left) / W
+    expected = [R * (left + right) / 2, 0.3 * turn, turn]
+    np.testing.assert_allclose(twist, expected, atol=1e-9)
+
+
+def test_four_parallel_wheels_only_roll_ahead() -> None:
+    wheels = {f"w{i}": conventional(x, y) for i, (x, y) in enumerate(CORNERS)}
+    kinematics = PlatformKinematics(wheels)
+    np.testing.assert_allclose(kinematics.twist(np.full(4, 3.0)), [3.0 * R, 0.0, 0.0], atol=1e-12)
+
+
+def test_omni_wheels_with_one_conventional_wheel_are_accepted() -> None:
+    """The condition of the conventional wheel is exact; rollers alone could turn about it."""
+    wheels = {**KIWI, "fourth": conventional(0.2, 0.0, 30.0)}
+    twist = PlatformKinematics(wheels).twist(np.array([1.0, -2.0, 0.5, 3.0]))
+    assert np.isfinite(twist).all()
+    rolling = PlatformKinematics(wheels).wheel_speeds(np.array([1.0, 0.0, 0.0]))
+    assert rolling[3] == pytest.approx(math.cos(math.radians(30.0)) / R)
+
+
+def test_conventional_wheels_are_refused_by_name() -> None:
+    wheels = {**KIWI, "castor": conventional(0.2, 0.0)}
+    with pytest.raises(UnusablePlatformError, match=r"wheels\.castor\.kind.*the law sliding_mode"):
+        require_omni_wheels(wheels, "the law sliding_mode")
+    require_omni_wheels(KIWI, "the law sliding_mode")
+
+
+def test_values_of_the_other_kind_of_wheel_are_refused() -> None:
+    with pytest.raises(ConfigurationError, match="no rollers"):
+        WheelMount(kind="conventional", x=0.0, y=0.0, roller_angle_deg=45.0)
+    with pytest.raises(ConfigurationError, match="kind: conventional can be steered"):
+        WheelMount(x=0.0, y=0.0, roller_angle_deg=45.0, steering_limit_deg=40.0)
+    with pytest.raises(UnusablePlatformError, match=r"front_left\.roller_angle_deg: is required"):
+        PlatformKinematics({**MECANUM, "front_left": WheelMount(x=L / 2, y=W / 2)})

@@ -23,7 +23,7 @@ from typing import NamedTuple
 import numpy as np
 
 from omni_core.geometry import cross
-from omni_core.kinematics import PlatformKinematics
+from omni_core.kinematics import PlatformKinematics, require_omni_wheels
 from omni_core.quantities import GRAVITY, BoolArray, FloatArray
 from omni_sim.tire.interface.model import curve_at
 from omni_sim.vehicle import configuration, loads
@@ -95,6 +95,7 @@ class LimitVehicle:
     """
 
     def __init__(self, vehicle: configuration.VehicleConfiguration) -> None:
+        require_omni_wheels(vehicle.wheels, "the limit of a straight stop")
         geometry = PlatformKinematics(vehicle.wheels).geometry
         self.masses = vehicle.masses
         self.position = geometry.position

@@ -55,7 +55,7 @@ _SOUND = WheelCondition()
 
 
 class VehicleConfiguration(Configuration):
-    """A vehicle on omni-wheels: masses, wheels, tires, brakes and drive."""
+    """A vehicle on omni-wheels or conventional wheels: masses, wheels, tires, brakes and drive."""
 
     wheels: Mapping[str, geometry.WheelMount] = parameter()
     """Wheels, keyed by name; all arrays of wheel quantities have this order"""
@@ -123,6 +123,11 @@ class VehicleConfiguration(Configuration):
         return loads.MassProperties.of(self.body, self.load)
 
     @property
+    def has_conventional_wheels(self) -> bool:
+        """Whether at least one wheel has no rollers."""
+        return any(mount.kind == "conventional" for mount in self.wheels.values())
+
+    @property
     def contacts_move(self) -> bool:
         """Whether the contact points move along the rollers."""
         return self.wheel_model == "rollers" or self.contact == "roller"
@@ -138,7 +143,9 @@ class VehicleConfiguration(Configuration):
         return roller_geometries(self.wheels, self.rollers, squeeze)
 
     def check_consistency(self) -> None:
-        """Check that the platform can move in all directions and does not tip over at rest.
+        """Check that the platform can move and does not tip over at rest.
+
+        A platform without conventional wheels must be able to move in all directions.
 
         The masses, the rollers and the options of the wheel model are also checked.
 
@@ -147,6 +154,9 @@ class VehicleConfiguration(Configuration):
         """
         for name in self.conditions:
             check_choice("conditions", name, self.wheels)
+        kinematics = PlatformKinematics.of(self.wheels)
+        if self.has_conventional_wheels:
+            self._check_conventional()
         if self.contacts_move or self.wheel_model == "mujoco":
             _ = self.roller_geometries  # raises if the rollers do not fit
         if self.wheel_model == "rollers" and self.passive_losses.roller_mass > 0.0:
@@ -166,7 +176,6 @@ class VehicleConfiguration(Configuration):
         self._check_heights()
         if self.body.mass + self.load.mass <= 0.0:
             raise ConfigurationError("body.mass", "body and load together must have a mass")
-        kinematics = PlatformKinematics.of(self.wheels)
         position = kinematics.geometry.position
         if len(position) > loads.MAXIMUM_WHEELS:
             raise ConfigurationError(
@@ -192,6 +201,18 @@ class VehicleConfiguration(Configuration):
                     "tire.vertical_stiffness",
                     f"the whole weight on wheel {name} would flatten it by more than half its "
                     "radius",
+                )
+
+    def _check_conventional(self) -> None:
+        """Check that no option of the vehicle belongs to the rollers of all wheels."""
+        for place, used in (
+            ("wheel_model", self.wheel_model != "single"),
+            ("contact", self.contact != "ideal"),
+            ("passive_losses", self.passive_losses.active),
+        ):
+            if used:
+                raise ConfigurationError(
+                    place, "belongs to wheels with rollers, but some wheels have kind: conventional"
                 )
 
     def _check_heights(self) -> None:

@@ -1,4 +1,4 @@
-"""Planar motion of a vehicle on omni-wheels: a compiled kernel that advances many steps.
+"""Planar motion of a vehicle on wheels: a compiled kernel that advances many steps.
 
 `move` advances the body in the plane, and the rest of the module computes the forces. The equations
 of motion are Eqs. (39), (40) of the dissertation for the center of gravity ``r_g``:
@@ -28,6 +28,7 @@ from omni_core.quantities import GRAVITY, FloatArray, Pair, Triple
 from omni_sim.ground.friction import friction_at
 from omni_sim.tire.interface.model import curve_at
 from omni_sim.vehicle import state as layout
+from omni_sim.vehicle.conventional_dynamics import squared_bends, step_conventional_wheel
 from omni_sim.vehicle.loads import wheel_loads
 from omni_sim.vehicle.roller_dynamics import displace_contacts, roller_energies, step_roller_wheel
 from omni_sim.vehicle.state import Energies, Step
@@ -99,7 +100,7 @@ def advance(
     loads = state.loads
     start_yaw, traced = body.yaw, trajectory.shape[0] > 0
     set_demand(state.pressure, control.brake, control.enable)
-    pull = _resultant(state, state.rollers)
+    pull = _resultant(state, state.rollers, state.treads)
     pressing, gravity, lean = GRAVITY, (0.0, 0.0), 0.0
     if traced:
         _write_pose(plant, body, trajectory[0])
@@ -131,8 +132,9 @@ def advance(
             _resist(state, body, step, loads)
         if plant.roller_pitch > 0.0 and state.rollers is None:
             displace_contacts(plant, wheels, state.contacts)
-        _step_wheels(state, state.rollers, step, state.pressure.acting, loads)
-        pull = _resultant(state, state.rollers)
+        acting = state.pressure.acting
+        _step_wheels(state, state.rollers, state.treads, step, acting, loads)
+        pull = _resultant(state, state.rollers, state.treads)
         body.a_x += filter_share * pull[0] - plant.filter_share * body.a_x
         body.a_y += filter_share * pull[1] - plant.filter_share * body.a_y
         move(plant, body, (cos, sin), (pull[0], pull[1], pull[2] + lean), other)
@@ -214,7 +216,7 @@ def _write_pose(plant: layout.Plant, body: layout.Record, row: FloatArray) -> No
 def energies(state: layout.State) -> Energies:
     """Return the kinetic, elastic and potential energies of the vehicle in a state [J]."""
     plant, body = state.plant, state.body[0]
-    spin, elastic = _wheel_energies(state, state.rollers)
+    spin, elastic = _wheel_energies(state, state.rollers, state.treads)
     height = 0.0
     if state.terrain.parts.shape[0] > 0:
         height = plant.mass * GRAVITY * standing(state, 0.0)[0]
@@ -223,7 +225,9 @@ def energies(state: layout.State) -> Energies:
 
 
 @lean
-def _wheel_energies(state: layout.State, rollers: layout.Rollers | None) -> Pair:
+def _wheel_energies(
+    state: layout.State, rollers: layout.Rollers | None, treads: layout.Treads | None
+) -> Pair:
     """Return the spin energy of all wheels and the energy of their tires' deflection [J]."""
     squared_speed, squared_deflection = 0.0, 0.0
     for i in range(state.wheels.shape[0]):
@@ -231,6 +235,8 @@ def _wheel_energies(state: layout.State, rollers: layout.Rollers | None) -> Pair
         squared_deflection += state.wheels[i].deflection ** 2
     spin = 0.5 * state.plant.wheel_inertia * squared_speed
     if rollers is None:
+        if treads is not None:
+            squared_deflection += squared_bends(treads)
         return spin, 0.5 * state.plant.stiffness * squared_deflection
     roller_spin, elastic = roller_energies(rollers)
     return spin + roller_spin, elastic
@@ -281,7 +287,9 @@ def _follow_ground(state: layout.State, body: layout.Record) -> tuple[float, Pai
 
 
 @lean_inline
-def _resultant(state: layout.State, rollers: layout.Rollers | None) -> Triple:
+def _resultant(
+    state: layout.State, rollers: layout.Rollers | None, treads: layout.Treads | None
+) -> Triple:
     """Return the total force and moment of the wheels.
 
     The force is along x and y of the body frame [N], the moment about the center of gravity [N m].
@@ -290,9 +298,14 @@ def _resultant(state: layout.State, rollers: layout.Rollers | None) -> Triple:
     pull_x, pull_y, turn = 0.0, 0.0, 0.0
     for i in range(wheels.shape[0]):
         if rollers is None:
-            pull_x += wheels[i].force * state.contacts[i].n_x
-            pull_y += wheels[i].force * state.contacts[i].n_y
-            turn += wheels[i].force * state.contacts[i].moment
+            if treads is None:
+                pull_x += wheels[i].force * state.contacts[i].n_x
+                pull_y += wheels[i].force * state.contacts[i].n_y
+                turn += wheels[i].force * state.contacts[i].moment
+            else:
+                pull_x += treads.push[i, 0]
+                pull_y += treads.push[i, 1]
+                turn += treads.push[i, 2]
         else:
             pull_x += rollers.push[i, 0]
             pull_y += rollers.push[i, 1]
@@ -335,6 +348,7 @@ def _resist(state: layout.State, body: layout.Record, step: Step, loads: FloatAr
 def _step_wheels(
     state: layout.State,
     rollers: layout.Rollers | None,
+    treads: layout.Treads | None,
     step: Step,
     brake: FloatArray,
     loads: FloatArray,
@@ -344,6 +358,7 @@ def _step_wheels(
     Args:
         state: state of the vehicle, changed in place.
         rollers: rollers of the state, or None; the kernel is compiled for both cases.
+        treads: treads of the state, or None; the kernel is compiled for both cases.
         step: quantities common to all wheels.
         brake: torque that each brake can exert in this step [N m], shape (N,).
         loads: wheel loads [N], shape (N,).
@@ -371,7 +386,10 @@ def _step_wheels(
             drive = Drive(stiffness, wheel.command, limit)
         torque = 0.0 if plant.ramp[i] > 0.0 else _limited(torque, omega, plant.brake_power)
         if rollers is None:
-            _step_wheel(state, step, i, torque, drive)
+            if treads is None:
+                _step_wheel(state, step, i, torque, drive)
+            else:
+                _step_treaded(state, treads, step, i, torque, drive)
         else:
             step_roller_wheel(plant, rollers, wheel, step, i, torque, drive)
         if ramped:
@@ -380,6 +398,20 @@ def _step_wheels(
         else:
             wheel.command = wheel.speed
         wheel.angle += 0.5 * plant.dt * (omega + wheel.speed)
+
+
+@lean
+def _step_treaded(
+    state: layout.State, treads: layout.Treads, step: Step, i: int, brake: float, drive: Drive
+) -> None:
+    """Advance a wheel of a vehicle with conventional wheels; the arguments are `_step_wheel`'s."""
+    wheel, contact, push = state.wheels[i], state.contacts[i], treads.push[i]
+    if treads.conventional[i]:
+        step_conventional_wheel(state, treads, step, i, brake, drive)
+    else:
+        _step_wheel(state, step, i, brake, drive)
+        push[0], push[1] = wheel.force * contact.n_x, wheel.force * contact.n_y
+        push[2] = wheel.force * contact.moment
 
 
 @lean_inline

@@ -52,6 +52,10 @@ def place(
     if plant.roller_pitch > 0.0:
         wheels["speed"] = _rolling_speed(state, v, twist[2])
     wheels["last_speed"] = wheels["command"] = wheels["speed"]
+    if state.treads is not None:
+        state.treads.push[:] = 0.0
+        state.treads.state[:] = np.zeros((), ROLLER)
+        state.treads.state["q_a"] = 1.0
     _place_rollers(state)
 
 

@@ -127,6 +127,24 @@ def build_rollers(configuration: VehicleConfiguration) -> state.Rollers | None:
     )
 
 
+def build_treads(configuration: VehicleConfiguration) -> state.Treads | None:
+    """Return the contacts of a vehicle with conventional wheels; None for other vehicles.
+
+    Args:
+        configuration: configuration of the vehicle.
+    """
+    conventional = PlatformKinematics.of(configuration.wheels).geometry.conventional
+    if not conventional.any():
+        return None
+    n = len(conventional)
+    return state.Treads(
+        conventional=conventional,
+        tire_y=passive_parameters(configuration.tire),
+        state=np.zeros(n, state.ROLLER),
+        push=np.zeros((n, 3)),
+    )
+
+
 def build_suspension(configuration: VehicleConfiguration) -> state.Suspension:
     """Return the suspension of a chassis for the kernel.
 
@@ -172,7 +190,8 @@ def _mobility(
     """Return the sum of absolute values in each row of the mobility matrix [1/kg], shape (N,).
 
     Element (i, j) of this matrix is the acceleration of wheel i along its active direction per
-    force of wheel j. If the contacts move, the result is an upper bound of the sum.
+    force of wheel j. If the contacts move or exert forces in all directions, the result is an upper
+    bound of the sum.
 
     Args:
         configuration: configuration of the vehicle.
@@ -181,8 +200,9 @@ def _mobility(
         moment: moments of unit forces along the active directions [m], shape (N,).
     """
     masses = configuration.masses
-    if configuration.contacts_move:
-        jump = np.array([geometry.jump for geometry in configuration.roller_geometries])
+    if configuration.contacts_move or configuration.has_conventional_wheels:
+        geometries = configuration.roller_geometries if configuration.contacts_move else ()
+        jump = np.array([geometry.jump for geometry in geometries]) if geometries else 0.0
         # This upper bound is valid for all wheel angles; two rollers may carry a wheel.
         reach = np.linalg.norm(lever, axis=1) + jump
         total = len(lever) / masses.mass + reach * reach.sum() / masses.yaw_inertia

@@ -60,7 +60,12 @@ class Rollers(NamedTuple):
 
 
 def roller_remarks(wheels: Mapping[str, WheelMount]) -> tuple[str, ...]:
-    """Return a sentence about angles in radians or with implausible signs; empty if none are."""
+    """Return a sentence about angles in radians or with implausible signs; empty if none are.
+
+    Vehicles with conventional wheels are not checked.
+    """
+    if any(mount.kind == "conventional" for mount in wheels.values()):
+        return ()
     return _remarks(tuple(wheels.items()))
 
 

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from omni_core.quantities import FloatArray, IntArray, Pair, Triple
+from omni_core.quantities import BoolArray, FloatArray, IntArray, Pair, Triple
 from omni_sim.ground.elevation import Terrain
 from omni_sim.wheel.brake_pressure import BrakePressure
 
@@ -222,6 +222,24 @@ class Rollers(NamedTuple):
     push: FloatArray
 
 
+class Treads(NamedTuple):
+    """Contacts of conventional wheels: their state, and constants in addition to `Plant`.
+
+    Attributes:
+        conventional: whether each wheel is conventional, shape (N,).
+        tire_y: constants of the tire model along the wheel's axis.
+        state: state of the contacts, records of `ROLLER` with a spin of 0, whose components ``_a``
+            are along the active direction and ``_p`` along the wheel's axis, shape (N,).
+        push: force [N] and moment about the center of gravity [N m] of each wheel in the last step,
+            body frame, shape (N, 3).
+    """
+
+    conventional: BoolArray
+    tire_y: Any
+    state: Structured
+    push: FloatArray
+
+
 class Suspension(NamedTuple):
     """Suspension of a chassis; see the module `suspension`.
 
@@ -261,6 +279,8 @@ class State(NamedTuple):
         contacts: records of `CONTACT` in the last step, shape (N,); they change only if
             `Plant.roller_pitch` is not 0 and the wheels have no individual rollers.
         rollers: individual rollers, or None; the kernels are compiled for both cases.
+        treads: contacts of the wheels of a vehicle with conventional wheels, or None; the kernels
+            are compiled for both cases.
         wheels: records of `WHEEL`, shape (N,).
         counters: a record of `COUNTERS`, shape (1,).
         pressure: pressure in the brakes.
@@ -274,6 +294,7 @@ class State(NamedTuple):
     body: Structured
     contacts: Structured
     rollers: Rollers | None
+    treads: Treads | None
     wheels: Structured
     counters: Structured
     pressure: BrakePressure

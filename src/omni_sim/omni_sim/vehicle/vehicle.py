@@ -15,7 +15,13 @@ from omni_sim.vehicle import dynamics, placing, uneven_ground
 from omni_sim.vehicle import state as layout
 from omni_sim.vehicle.configuration import VehicleConfiguration
 from omni_sim.vehicle.placing import along_active, rolling_radius
-from omni_sim.vehicle.plant import build_losses, build_plant, build_rollers, build_suspension
+from omni_sim.vehicle.plant import (
+    build_losses,
+    build_plant,
+    build_rollers,
+    build_suspension,
+    build_treads,
+)
 from omni_sim.vehicle.plausibility import vehicle_remarks
 from omni_sim.vehicle.suspension import fastest_motion, settle
 from omni_sim.wheel.brake_pressure import build_brake_pressure
@@ -117,6 +123,7 @@ class Vehicle:
             body=np.zeros(1, layout.BODY),
             contacts=plant.contact.copy(),
             rollers=build_rollers(configuration),
+            treads=build_treads(configuration),
             wheels=np.zeros(n, layout.WHEEL),
             counters=np.zeros(1, layout.COUNTERS),
             pressure=build_brake_pressure(*lag, n, self.physics_step, *valves),
@@ -350,8 +357,9 @@ class Vehicle:
     @property
     def wheel_force_body(self) -> quantities.FloatArray:
         """Forces of the wheels on the vehicle in the body frame [N], shape (N, 2)."""
-        if self.state.rollers is not None:
-            return self.state.rollers.push[:, :2].copy()
+        pushing = self.state.rollers or self.state.treads
+        if pushing is not None:
+            return pushing.push[:, :2].copy()
         force, contacts = self.state.wheels["force"], self.state.contacts
         return np.column_stack((force * contacts["n_x"], force * contacts["n_y"]))
 

@@ -5,7 +5,8 @@ Three wheel models are compared: the single-roller wheel (section 2.4.2), the si
 with the moving contact of rollers (section 2.3.2), and individual rollers (section 2.4.1). Forces
 and motions are averaged over the wheel angles and compared between individual rollers and the
 single-roller wheel. The study also refines the time step, determines how far a vehicle moves while
-parked on a slope and after a stop, and measures the computing time per wheel.
+parked on a slope and after a stop, and measures the computing time per wheel. Finally, the forklift
+is pushed and brakes on conventional wheels, Mecanum wheels and omni-wheels (Figure 23, `kinds`).
 
 In ``mujoco``, the same vehicle brakes fully from the same motion on single-roller wheels, on
 individual rollers, and in MuJoCo, both unassisted and with the brake assistant, whose feedback is
@@ -34,7 +35,7 @@ from omni_sim.vehicle.mujoco_vehicle import MujocoVehicle, load_mujoco
 from omni_sim.vehicle.suspension import SuspensionConfiguration
 from omni_sim.vehicle.vehicle import DEFAULT_PHYSICS_STEP, Vehicle
 from omni_studies.study import StudyResult, StudyRun
-from omni_studies.wheels import cost, trials
+from omni_studies.wheels import cost, kinds, trials
 from omni_studies.wheels.trials import CONTACT, ROLLERS, SINGLE, TRIALS, with_wheels
 
 CASES = {
@@ -153,6 +154,11 @@ def run(options: Options, study: StudyRun) -> StudyResult:
                 outcomes[name, key, model, count] = trials.outcome(wheeled, trial, starts)
     rows = _differences(outcomes)
     metrics = _agreement(rows) | _standing(vehicles) | _cost(vehicles["mecanum"], options.repeats)
+    mecanum = vehicles["mecanum"]
+    pushes = {kind: kinds.pushed(kinds.on_wheels(mecanum, kind)) for kind in kinds.KINDS}
+    stops = {kind: kinds.stopped(kinds.on_wheels(mecanum, kind)) for kind in kinds.KINDS}
+    metrics |= kinds.metrics(pushes, stops)
+    study.figure("kinds.png", kinds.draw(pushes, stops))
     study.figure("contact.png", _draw_contact(vehicles["mecanum"]))
     study.figure("forces.png", _draw_forces(vehicles))
     study.figure("motions.png", _draw_motions(outcomes))

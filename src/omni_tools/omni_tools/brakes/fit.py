@@ -32,7 +32,7 @@ from matplotlib.figure import Figure
 
 from omni_core.configuration import WorkError
 from omni_core.geometry import PlatformGeometry, cross, turned
-from omni_core.kinematics import PlatformKinematics
+from omni_core.kinematics import PlatformKinematics, require_omni_wheels
 from omni_core.quantities import BoolArray, FloatArray, IntArray
 from omni_runs.figures import style
 from omni_sim.vehicle import configuration
@@ -109,8 +109,10 @@ def fit_brakes(stops: Sequence[BrakeData], vehicle: configuration.VehicleConfigu
 
     Raises:
         BrakeDataError: too few intervals contain information on the brakes.
+        UnusablePlatformError: a wheel is conventional.
         WorkError: the stops do not determine the brakes; the message states what is missing.
     """
+    require_omni_wheels(vehicle.wheels, "the fit of the brakes")
     equations = tuple(_equations(stop, vehicle) for stop in stops)
     shown = [np.any(e.per_torque != 0.0, axis=(1, 2)) & _commanded(e) for e in equations]
     intervals = int(sum(np.count_nonzero(rows) for rows in shown))

@@ -84,7 +84,11 @@ def find_mistakes(
         motions: motions of the run.
         distance: distance of the forward motion and of the motion to the left [m].
         angle: angle of the counter-clockwise rotation [rad].
+
+    Raises:
+        UnusablePlatformError: a wheel is conventional.
     """
+    kinematics.require_omni_wheels(vehicle.wheels, "check-vehicle")
     known = np.diag([distance, distance, angle])
     # A gyro measures the angle of the rotation more accurately than a tape, unless it is wrong.
     turned = motions.gyro[2] if abs(motions.gyro[2] / angle - 1.0) < _ALLOWED.scale else angle

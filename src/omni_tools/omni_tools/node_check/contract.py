@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from omni_core.geometry import WheelMount
-from omni_core.kinematics import PlatformKinematics
+from omni_core.kinematics import PlatformKinematics, require_omni_wheels
 from omni_core.quantities import SECOND_NS, BoolArray, FloatArray, IntArray
 from omni_core.signals import upwards_problem
 from omni_ros.messages import to_nanoseconds, twist_of
@@ -198,6 +198,7 @@ class WheelMotion(NamedTuple):
         """Return the motion in a recording; `wheels` are the vehicle's wheels, keyed by name."""
         run = read_run(recording)
         ordered = {name: wheels[name] for name in run.wheel_names}
+        require_omni_wheels(ordered, "check-node")
         twist = PlatformKinematics.of(ordered).twist(run.wheel_speed)
         return cls(run.stamp_ns, twist[:, :2], run.pedal == 0.0)
 
