@@ -30,6 +30,7 @@ _STATIC_PAIRS = 4  # smallest number of line pairs that prove a static view
 _STATIC_DISPLACEMENT = 0.5  # px, oldest to newest line; if it is larger, the view is not static
 # Lines of a static view may lose twice as much correlation as neighboring lines, plus this share.
 _STATIC_TOLERANCE = 0.002
+_STATIC_SHARE = 0.75  # smallest correlation of a static view, relative to neighboring lines
 _ANEW_NS = 100_000_000  # ns; if stamps go back by more than this, a recording is played again
 _WHOLE = 0.75  # share of a batch; a longer gap counts as a missing batch
 _BACKGROUND = 16384  # pixels of a batch above which a background thread saves time
@@ -201,6 +202,7 @@ class SensorOdometry:
         )
         self._finish_last: Callable[[], SensorReading | None] = lambda: None
         self._keyframe = Keyframe(sensor.pixels)
+        self._static: tuple[int, Lines] | None = None  # stamp [ns] and oldest line of a static view
         self._plausibility = Plausibility(
             sensor, configuration.maximum_acceleration, configuration.median_tolerance
         )
@@ -257,29 +259,33 @@ class SensorOdometry:
             inlier_share=displacement.share,
             measured=True,
             remark=self._chain.remark,
-            static_time=self._static_time(lines, displacement),
+            static_time=self._static_time(stamp_ns, lines, displacement),
             reference_age=age,
             persistence=persistence,
         )
 
-    def _static_time(self, lines: Lines, displacement: Displacement) -> float:
+    def _static_time(self, stamp_ns: int, lines: Lines, displacement: Displacement) -> float:
         """Return for how long the lines have not changed [s]; 0 if they changed within this batch.
 
         The newest line is compared with several older lines, because on periodic ground the first
         and last lines alone may match. Line 0 is excluded, because it belongs to the previous
-        batch.
+        batch. The oldest line of the static view is kept, so that slow motion is noticed too.
         """
-        span = len(lines) - 1
+        span, before, self._static = len(lines) - 1, self._static, None
         if span < _STATIC_PAIRS or abs(displacement.value) * span > _STATIC_DISPLACEMENT:
             return 0.0
         near = _correlation(lines[-2], lines[-1])
         # If neighboring lines correlate weakly, the second limit is too low to exclude lines of
         # different ground.
-        least = max(0.5 * near, 2.0 * near - 1.0 - _STATIC_TOLERANCE)
+        least = max(_STATIC_SHARE * near, 2.0 * near - 1.0 - _STATIC_TOLERANCE)
         older = (lines[1], lines[span // 3], lines[span // 2])
         if any(_correlation(line, lines[-1]) <= least for line in older):
             return 0.0
-        return (span - 1) / self._sensor.line_rate
+        oldest = stamp_ns - round((span - 1) * self._chain.period_ns), lines[1]
+        if before and before[0] < stamp_ns and _correlation(before[1], lines[-1]) > least:
+            oldest = before
+        self._static = oldest
+        return 1e-9 * (stamp_ns - oldest[0])
 
 
 def _correlation(one: Lines, other: Lines) -> float:

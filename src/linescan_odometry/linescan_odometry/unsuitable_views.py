@@ -3,7 +3,7 @@
 If a camera is occluded, for example by a lid or by dirt on the lens, its lines match perfectly at
 zero displacement, but so do lines of the ground at rest and in motion across the axis. A camera
 therefore counts as occluded only in two cases: its view becomes constant sooner than a vehicle can
-stop (at most 50 m/s^2), or its view does not change although the camera moves.
+stop (at most 15 m/s^2), or its view does not change although the camera moves.
 
 Each pixel of a line camera averages the brightness across the axis, over the width of the view. In
 motion across the axis, new ground enters the view, and on ordinary ground the lines lose their
@@ -25,9 +25,12 @@ from omni_core.quantities import Float32Array, FloatArray
 from omni_core.sensors import LineSensor, velocity_row
 from omni_core.signals import Lines
 
-_STILL_SHARE = 0.25  # share of the width; after this motion across the axis a view must change
+# Share of the width; after this motion across the axis, at most half of the ground texture of a
+# view remains, which no longer counts as static (`sensor.py`).
+_STILL_SHARE = 0.5
 _STILL_PIXELS = 2.0  # px; after this motion along the axis a view must change
-_HARDEST_STOP = 50.0  # m/s^2; a larger deceleration is impossible
+_HARDEST_STOP = 15.0  # m/s^2; a hard stop on a dry road reaches 10
+_CERTAIN = 4.0  # standard deviations by which a stop must be too hard
 _REMEMBERED_NS = 1_280_000_000  # ns; twists are stored for this time, longer than lines (_LONGEST)
 _GAP_NS = 50_000_000  # limit on the time without a twist over which the motion is extrapolated [ns]
 _PIECE = 0.008  # m; ordinary ground leaves a view after the view's width plus this length
@@ -218,6 +221,7 @@ class UnsuitableViews:
     def _start_anew(self) -> None:
         self._covered: dict[str, str] = {}
         self._twist: FloatArray = np.zeros(3)
+        self._deviations: dict[str, float] = {}  # of the velocities of that twist [m/s]
         self._stamp_ns = 0
 
     def stopped(
@@ -242,9 +246,8 @@ class UnsuitableViews:
                 continue
             along, across = (float(v) for v in self._rows[name] @ self._twist)
             speed = math.hypot(along, across)
-            if speed > _HARDEST_STOP * elapsed and self._would_show(
-                name, along, across, reading.static_time
-            ):
+            possible = _HARDEST_STOP * elapsed + _CERTAIN * self._deviations.get(name, 0.0)
+            if speed > possible and self._would_show(name, along, across, reading.static_time):
                 self._covered[name] = (
                     f"covered: its view does not change, {1e3 * elapsed:.3g} ms after it moved at "
                     f"{speed:.3g} m/s"
@@ -268,10 +271,11 @@ class UnsuitableViews:
             twist: twist estimated without faulty sensors, shape (3,). With a faulty twist,
                 fault-free cameras would seem occluded.
         """
-        found = self._contradicted(readings, twist)
+        found = self._contradicted(stamp_ns, readings, twist)
         found = found or self._over_oblique_texture(stamp_ns, readings, twist)
         if not found:
             self._remember(stamp_ns, twist)
+            self._deviations = {name: math.sqrt(r.variance) for name, r in readings.items()}
         return found
 
     def unconfirmed(
@@ -325,11 +329,12 @@ class UnsuitableViews:
             self._paths.popleft()
 
     def _contradicted(
-        self, readings: Mapping[str, SensorReading], twist: FloatArray
+        self, stamp_ns: int, readings: Mapping[str, SensorReading], twist: FloatArray
     ) -> dict[str, SensorReading]:
         """Return the reading whose constant view contradicts the twist most, marked as unmeasured.
 
         Args:
+            stamp_ns: stamp of the readings [ns].
             readings: readings of all cameras, keyed by name.
             twist: twist estimated from the readings.
 
@@ -337,12 +342,15 @@ class UnsuitableViews:
             This reading, keyed by camera name; empty if no view contradicts the twist.
         """
         farthest, covered = _STILL_SHARE, {}
+        # Before the first stored twist, the motion is unknown.
+        known = max(stamp_ns - self._stamps[0] if self._stamps else 0, _GAP_NS)
         for name, reading in readings.items():
             static = reading.static_time if name in self._sensors else 0.0
             if not reading.measured or static == 0.0:
                 continue
             across = float(self._rows[name][1] @ twist)
-            share = abs(across) * static / self._sensors[name].width
+            path = self._path_across(name, stamp_ns, min(static, 1e-9 * known), across)
+            share = path / self._sensors[name].width
             if share > farthest:
                 farthest = share
                 reason = (

@@ -28,10 +28,6 @@ from omni_ros.start import start_lightly
 from omni_runs.workspace import ExperimentWorkspace
 
 _DESCRIPTION = "Simulate, measure and tune the braking of omnidirectional vehicles."
-_OF_THE_LAUNCHER = {
-    "install": "install a group of optional packages",
-    "test": "run the tests (arguments go to pytest)",
-}
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -190,11 +186,12 @@ def _chosen(program: str, group: Any, words: Sequence[str]) -> str:
     parser = _Parser(prog=program, description=_DESCRIPTION if top else _introduction(group))
     parser.as_json = "--json" in words
     choices = parser.add_subparsers(metavar=what, required=True)
-    for name, line in sorted((known | (_OF_THE_LAUNCHER if top else {})).items()):
+    shown = known | commands.OF_THE_LAUNCHER if top else known
+    for name, line in sorted(shown.items()):
         choices.add_parser(name, help=line.replace("%", "%%"))
     if words and not words[0].startswith("-"):
-        hint = configuration.did_you_mean(words[0], [*known, *(_OF_THE_LAUNCHER if top else ())])
-        parser.error(f"{words[0]!r} is not one of {', '.join(known)}{hint}")
+        hint = configuration.did_you_mean(words[0], shown)
+        parser.error(f"{words[0]!r} is not one of {', '.join(shown)}{hint}")
     if top:
         parser.add_argument("--version", action="version", version=_version())
     parser.parse_args(words[:1])

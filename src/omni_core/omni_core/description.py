@@ -23,66 +23,82 @@ def urdf(
     name: str,
     wheels: Mapping[str, WheelMount],
     sensors: Mapping[str, Mount],
-    size: tuple[float, float] | None = None,
+    chassis: tuple[float, float, float, float] | None = None,
 ) -> str:
     """Return the URDF of a vehicle.
 
-    A steered wheel turns about the joint of its steering, which `steering_joint` names.
-
-    `base_link` is on the ground below the platform's center. Each wheel's joint has the name of the
-    wheel, so messages on `wheel_states` are states of these joints. The frame of a camera or flow
-    sensor has its origin at the center of the footprint and its x axis along the sensor's axis.
+    `base_link` is on the ground. Each wheel's joint has the name of the wheel, so messages on
+    `wheel_states` are states of these joints. A steered wheel turns about another joint, which
+    `steering_joint` names. The frame of a camera or flow sensor has its origin at the center of the
+    footprint and its x axis along the sensor's axis.
 
     Args:
         name: name of the robot.
         wheels: wheels, keyed by name.
         sensors: line cameras, flow sensors and IMU, keyed by name.
-        size: length and width of the platform [m]; by default the extent of the wheel positions.
+        chassis: x, y of the chassis' center, length and width [m]; by default the extent of the
+            wheel positions.
     """
     robot = ElementTree.Element("robot", name=name)
     radius = max(wheel.radius for wheel in wheels.values())
-    length, width = size or (
-        2.0 * max(abs(wheel.x) for wheel in wheels.values()) + radius,
-        2.0 * max(abs(wheel.y) for wheel in wheels.values()) + radius,
-    )
+    x, y, length, width = chassis or _extent(wheels, radius)
     base = ElementTree.SubElement(robot, "link", name="base_link")
-    body = _visual(base, (0.0, 0.0, 1.5 * radius), (0.0, 0.0, 0.0))
+    body = _visual(base, (x, y, 1.5 * radius), (0.0, 0.0, 0.0))
     ElementTree.SubElement(body, "box", size=_numbers(length, width, _BODY_HEIGHT))
     for wheel_name, wheel in wheels.items():
-        link = ElementTree.SubElement(robot, "link", name=f"{wheel_name}_wheel")
-        # The axis of a cylinder is z, the axis of a wheel is its y.
-        cylinder = _visual(link, (0.0, 0.0, 0.0), (math.pi / 2.0, 0.0, 0.0))
-        shape = {"radius": str(wheel.radius), "length": str(wheel.assumed_width)}
-        ElementTree.SubElement(cylinder, "cylinder", shape)
-        place, parent = (wheel.x, wheel.y, wheel.radius), "base_link"
-        if wheel.is_steered:
-            parent = steering_joint(wheel_name)
-            carrier = ElementTree.SubElement(robot, "link", name=parent)
-            joint = _joint(robot, parent, "revolute", carrier, place, wheel.heading_deg)
-            ElementTree.SubElement(joint, "axis", xyz="0 0 1")
-            most, fastest = map(math.radians, (wheel.steering_limit_deg, wheel.steering_rate_deg))
-            limits = {"lower": -most, "upper": most, "velocity": fastest, "effort": 0.0}
-            ElementTree.SubElement(
-                joint, "limit", {name: _numbers(value) for name, value in limits.items()}
-            )
-            place = (0.0, 0.0, 0.0)
-        heading = 0.0 if wheel.is_steered else wheel.heading_deg
-        joint = _joint(robot, wheel_name, "continuous", link, place, heading, parent)
-        ElementTree.SubElement(joint, "axis", xyz="0 1 0")
+        _add_wheel(robot, wheel_name, wheel)
     for sensor_name, sensor in sensors.items():
-        link = ElementTree.SubElement(robot, "link", name=sensor_name)
-        parent, x, y, heading = "base_link", sensor.x, sensor.y, sensor.heading_deg
-        height = 0.0
-        if sensor.carrier:
-            wheel, parent = wheels[sensor.carrier], steering_joint(sensor.carrier)
-            offset = complex(x - wheel.x, y - wheel.y)
-            offset *= cmath.exp(-1j * math.radians(wheel.heading_deg))
-            x, y, height = offset.real, offset.imag, -wheel.radius
-            heading -= wheel.heading_deg
-        place = (x, y, height)
-        _joint(robot, f"{sensor_name}_mount", "fixed", link, place, heading, parent)
+        _add_sensor(robot, sensor_name, sensor, wheels)
     ElementTree.indent(robot)
     return '<?xml version="1.0"?>\n' + ElementTree.tostring(robot, encoding="unicode") + "\n"
+
+
+def _add_wheel(robot: ElementTree.Element, name: str, wheel: WheelMount) -> None:
+    """Add the link of a wheel and its joints."""
+    place, heading, parent = (wheel.x, wheel.y, wheel.radius), wheel.heading_deg, "base_link"
+    if wheel.is_steered:
+        parent = steering_joint(name)
+        carrier = ElementTree.SubElement(robot, "link", name=parent)
+        joint = _joint(robot, parent, "revolute", carrier, place, heading)
+        ElementTree.SubElement(joint, "axis", xyz="0 0 1")
+        most, fastest = map(math.radians, (wheel.steering_limit_deg, wheel.steering_rate_deg))
+        limits = {"lower": -most, "upper": most, "velocity": fastest, "effort": 0.0}
+        texts = {key: _numbers(value) for key, value in limits.items()}
+        ElementTree.SubElement(joint, "limit", texts)
+        place, heading = (0.0, 0.0, 0.0), 0.0
+    link = ElementTree.SubElement(robot, "link", name=f"{name}_wheel")
+    # The axis of a cylinder is z, the axis of a wheel is its y.
+    cylinder = _visual(link, (0.0, 0.0, 0.0), (math.pi / 2.0, 0.0, 0.0))
+    shape = {"radius": str(wheel.radius), "length": str(wheel.assumed_width)}
+    ElementTree.SubElement(cylinder, "cylinder", shape)
+    joint = _joint(robot, name, "continuous", link, place, heading, parent)
+    ElementTree.SubElement(joint, "axis", xyz="0 1 0")
+
+
+def _add_sensor(
+    robot: ElementTree.Element, name: str, sensor: Mount, wheels: Mapping[str, WheelMount]
+) -> None:
+    """Add the frame of a sensor, which is fixed to the body or to the carrier of a wheel."""
+    place, heading, parent = (sensor.x, sensor.y, 0.0), sensor.heading_deg, "base_link"
+    if sensor.carrier:
+        wheel, parent = wheels[sensor.carrier], steering_joint(sensor.carrier)
+        offset = complex(sensor.x - wheel.x, sensor.y - wheel.y)
+        offset *= cmath.exp(-1j * math.radians(wheel.heading_deg))
+        place, heading = (offset.real, offset.imag, -wheel.radius), heading - wheel.heading_deg
+    link = ElementTree.SubElement(robot, "link", name=name)
+    _joint(robot, f"{name}_mount", "fixed", link, place, heading, parent)
+
+
+def _extent(wheels: Mapping[str, WheelMount], margin: float) -> tuple[float, float, float, float]:
+    """Return center x, y, length and width [m] of the wheel positions, with a margin [m]."""
+    x, y = ([getattr(wheel, axis) for wheel in wheels.values()] for axis in "xy")
+    low, high = (min(x), min(y)), (max(x), max(y))
+    return (
+        0.5 * (low[0] + high[0]),
+        0.5 * (low[1] + high[1]),
+        high[0] - low[0] + margin,
+        high[1] - low[1] + margin,
+    )
 
 
 def _visual(

@@ -72,3 +72,15 @@ def test_steered_wheel_turns_about_a_vertical_joint_of_its_own() -> None:
     parent, origin, axis = places["front"]
     assert (parent, axis) == ("front_steering", "0 1 0")
     assert [float(v) for v in f"{origin['xyz']} {origin['rpy']}".split()] == [0.0] * 6
+
+
+def test_the_chassis_is_drawn_around_its_center() -> None:
+    wheels = {"only": WheelMount(x=0.0, y=0.0, roller_angle_deg=0.0, radius=0.1)}
+    robot = ElementTree.fromstring(urdf("toy", wheels, {}, (-0.14, 0.02, 0.75, 0.5)))
+    body = robot.find("link/visual")
+    assert body is not None
+    place, box = body.find("origin"), body.find("geometry/box")
+    assert place is not None
+    assert box is not None
+    assert place.attrib["xyz"].split()[:2] == ["-0.14", "0.02"]
+    assert box.attrib["size"].split()[:2] == ["0.75", "0.5"]

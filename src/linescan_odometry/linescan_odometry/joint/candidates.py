@@ -377,6 +377,10 @@ def colored(lines: Lines, taper: Floats, layout: Layout) -> float:
         layout: sizes of the batch.
     """
     levels = lines.astype(np.float32)
+    mean = np.float32(max(levels.mean(), 1.0))
+    for k in range(len(levels)):
+        # The gain of a line, for example under mains light, would color its differences.
+        levels[k] *= mean / np.float32(max(levels[k].mean(), 1.0))
     differences = levels[1:] - levels[:-1]
     transformed = np.abs(spectra.spectra_of(differences, taper, layout.size)) ** 2
     # The differences are a moving average of order 1: N of them count as 2 N / 3 independent ones.

@@ -21,6 +21,7 @@ _FEWEST = 7.5  # smallest number of independent moving features; a shadow's edge
 _TWO_MOTIONS = 0.25  # px; limit on `Fit.difference`; a larger difference indicates two motions
 _LEAST_CONTRAST = 0.03  # gradient energy over noise; below it, wood may match another motion
 _SHIFTED = 3 * candidates.APART  # px within a batch; beyond it, ground and pattern can be separated
+_CERTAIN = 4.0  # standard deviations by which a shift must exceed the width of a peak
 _DARKEST = 0.1  # gray level that is added before the logarithm, relative to the mean gray level
 
 
@@ -155,8 +156,9 @@ class JointEstimator:
         lines = lines.astype(np.uint16)  # the kernels are compiled for one depth
         levels = spectra.without_defects(lines).astype(np.float32)
         # The logarithm converts the unknown gain of a pixel to an offset. The added level limits
-        # the noise of dark pixels, of which a few would otherwise determine the likelihood.
-        logs = np.log(levels + _DARKEST * levels.mean())
+        # the noise of dark pixels, of which a few would otherwise determine the likelihood. It is
+        # relative to the line's own mean, so that the gain of a line is an offset too.
+        logs = np.log(levels + _DARKEST * levels.mean(axis=1, keepdims=True))
         estimate = _estimate(lines, logs, self._camera, self.pattern, layout, self._last)
         self.pattern = estimate.pattern
         return estimate
@@ -206,14 +208,17 @@ def _estimate(
     if not moves and not math.isfinite(variance):
         variance = fit.white  # at rest all lines are equal, so few features suffice
     flaw = _flaw(fit, variance, moves, abs(d) * (layout.lines - 1))
-    if parted and not flaw:
+    if moves and not flaw:
+        variance += scatter(view.remainder, layout, d, (candidates.LIKELY, candidates.RATIO))
+    # Only a shift that is certain separates the ground from the pattern.
+    uncertain = _CERTAIN * math.sqrt(variance) * (layout.lines - 1)
+    if parted and not flaw and abs(d) * (layout.lines - 1) - uncertain > candidates.APART:
         # The weight of earlier batches decays exponentially.
         kept = np.float32(max(1.0 - (layout.lines - 1) * camera.fading, 0.0))
         pattern = spectra.FixedPattern(
             pattern.information * kept + batch.information,
             pattern.precision * kept + batch.precision,
         )
-        variance += scatter(view.remainder, layout, d, (candidates.LIKELY, candidates.RATIO))
     return Estimate(d, variance, flaw, rest, fit.coherence, pattern)
 
 

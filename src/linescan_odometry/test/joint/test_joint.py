@@ -89,6 +89,26 @@ def test_unequal_gains_do_not_draw_a_motion_to_rest(displacement: float, expose:
     assert abs(found.value - displacement) < max(5.0 * math.sqrt(found.variance), 0.02)
 
 
+@pytest.mark.parametrize("displacement", [0.0, 3.0])
+def test_the_gain_of_a_line_does_not_change_its_displacement(
+    displacement: float, expose: Expose
+) -> None:
+    mains = 1.0 + 0.2 * np.sin(2.0 * np.pi * 100.0 * np.arange(LINES) / RATE)
+    lines = moved(expose, displacement) * mains[:, None]
+    found = estimator().estimate(np.rint(lines).clip(0, 255).astype(np.uint8))
+    assert found.reason == ""
+    assert abs(found.value - displacement) < 5.0 * math.sqrt(found.variance)
+
+
+def test_only_a_certain_shift_changes_the_fixed_pattern(expose: Expose) -> None:
+    camera = estimator()
+    for displacement in (0.0, 0.02, 0.2):  # 0, 0.5 and 5 px within the batch
+        camera.estimate(moved(expose, displacement))
+        assert not camera.pattern.precision.any()
+    camera.estimate(moved(expose, 3.0))
+    assert camera.pattern.precision.any()
+
+
 @pytest.mark.parametrize("displacement", [0.8, 1.5])
 @pytest.mark.parametrize("contrast", [0.2, 0.4])
 def test_strong_dirt_does_not_draw_a_slow_faint_ground_to_rest(

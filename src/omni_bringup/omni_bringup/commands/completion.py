@@ -41,11 +41,9 @@ def _cases(group: Any, path: str, names: dict[str, list[str]]) -> Iterator[tuple
         path: words of the command line before the name of a command; empty for all commands.
         names: names of the items of ``./omni list``, keyed by kind.
     """
-    known = [*commands.commands_of(group.PACKAGE), *(["test"] if not path else [])]
-    yield path, " ".join(known)
+    known = commands.commands_of(group.PACKAGE)
+    yield path, " ".join([*known, *(() if path else commands.OF_THE_LAUNCHER)])
     for name in known:
-        if not path and name == "test":
-            continue
         command = commands.load_command(group, name)
         words = f"{path} {name}".strip()
         if hasattr(command, "PACKAGE"):

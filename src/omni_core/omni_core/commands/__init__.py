@@ -30,6 +30,12 @@ from omni_core.plugins import described_entry_points, described_modules, entry_p
 PACKAGE = "omni.commands"
 """Group of entry points, each of which names the module of a command."""
 
+OF_THE_LAUNCHER = {
+    "install": "install a group of optional packages",
+    "test": "run the tests (arguments go to pytest)",
+}
+"""Descriptions of the commands that the script `omni` runs itself, keyed by name."""
+
 
 class Command(Protocol):
     """Interface of a module that defines a command."""

@@ -6,6 +6,7 @@ from pathlib import Path
 
 from omni_recording import clock, decode, folder, mcap
 from omni_recording.error import McapError
+from omni_recording.plan import SHARED_TOPICS
 
 
 @dataclasses.dataclass(frozen=True)
@@ -128,7 +129,8 @@ class _Findings:
             self._undecoded[topic] = count + 1, words
             return
         stamp_ns = decode.header_stamp_ns(decoded)
-        if stamp_ns is not None:
+        # Of several publishers, one that hung is late, not the clock.
+        if stamp_ns is not None and message.channel.topic not in SHARED_TOPICS:
             self._watch(message.channel.topic, "stamps in the headers", stamp_ns, message.log_ns)
 
     def _watch(self, topic: str, kind: str, time_ns: int, log_ns: int) -> None:

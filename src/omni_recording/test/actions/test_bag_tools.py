@@ -147,6 +147,14 @@ def test_a_clock_that_is_set_back_is_reported(tmp_path: Path) -> None:
     )
 
 
+def test_a_late_publisher_of_a_shared_topic_is_no_jump_of_the_clock(tmp_path: Path) -> None:
+    stamps = (*range(100, 200), 20, 21, 22)  # the last three by a process that hung
+    parts = [message(joints(k), log_time=(100 + n) * 10**7) for n, k in enumerate(stamps)]
+    for topic, found in (("/diagnostics", 0), ("/wheel_states", 1)):
+        path = mcap(tmp_path / f"{found}.mcap", described(topic), *parts)
+        assert len(check_bag(path).problems) == found
+
+
 @pytest.mark.parametrize(
     "data",
     [

@@ -14,7 +14,7 @@ from omni_core.configuration import (
     section,
 )
 from omni_core.kinematics import PlatformKinematics
-from omni_core.quantities import GRAVITY
+from omni_core.quantities import GRAVITY, LARGEST_OFFSET
 from omni_sim.tire.tire import TireConfiguration
 from omni_sim.vehicle import loads
 from omni_sim.vehicle.suspension import SuspensionConfiguration
@@ -65,6 +65,10 @@ class VehicleConfiguration(Configuration):
     chassis_width: float = parameter(1.2, unit="m", minimum=1e-3, maximum=100.0)
     """Width of the chassis, for figures, stopping areas, the placement of sensors, and the roll
     inertia of a chassis on springs"""
+    chassis_x: float = parameter(0.0, unit="m", minimum=-LARGEST_OFFSET, maximum=LARGEST_OFFSET)
+    """Center of the chassis, forward of base_link"""
+    chassis_y: float = parameter(0.0, unit="m", minimum=-LARGEST_OFFSET, maximum=LARGEST_OFFSET)
+    """Center of the chassis, left of base_link"""
     body: loads.MassConfiguration = parameter()
     """Mass of the chassis including wheels and drives"""
     load: loads.MassConfiguration = section(lambda: loads.MassConfiguration(mass=0.0, height=0.0))
@@ -109,6 +113,11 @@ class VehicleConfiguration(Configuration):
         return np.array([self.chassis_length, self.chassis_width])
 
     @property
+    def chassis_center(self) -> tuple[float, float]:
+        """Center of the chassis in the body frame [m]."""
+        return self.chassis_x, self.chassis_y
+
+    @property
     def masses(self) -> loads.MassProperties:
         """Mass properties of body and load together."""
         return loads.MassProperties.of(self.body, self.load)
@@ -139,9 +148,9 @@ class VehicleConfiguration(Configuration):
         return roller_geometries(self.wheels, self.rollers, squeeze)
 
     def check_consistency(self) -> None:
-        """Check that the platform can move and does not tip over at rest.
+        """Check that the platform can move, and does not tip over at rest.
 
-        A platform without conventional wheels must be able to move in all directions.
+        Without conventional wheels, it must be able to move in all directions.
 
         The masses, the rollers and the options of the wheel model are also checked.
 
@@ -151,8 +160,7 @@ class VehicleConfiguration(Configuration):
         for name in self.conditions:
             check_choice("conditions", name, self.wheels)
         kinematics = PlatformKinematics.of(self.wheels)
-        if self.has_conventional_wheels:
-            self._check_conventional()
+        self._check_conventional()
         if self.contacts_move or self.wheel_model == "mujoco":
             _ = self.roller_geometries  # raises if the rollers do not fit
         if self.wheel_model == "rollers" and self.passive_losses.roller_mass > 0.0:
@@ -200,7 +208,9 @@ class VehicleConfiguration(Configuration):
                 )
 
     def _check_conventional(self) -> None:
-        """Check that no option of the vehicle belongs to the rollers of all wheels."""
+        """Check that no option belongs to the rollers of all wheels if some have no rollers."""
+        if not self.has_conventional_wheels:
+            return
         for place, used in (
             ("wheel_model", self.wheel_model != "single"),
             ("contact", self.contact != "ideal"),

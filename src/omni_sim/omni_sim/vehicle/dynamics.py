@@ -25,20 +25,17 @@ import math
 
 from omni_core.kernels import lean, lean_inline, linked
 from omni_core.quantities import GRAVITY, FloatArray, Pair, Triple
-from omni_sim.ground.friction import friction_at
-from omni_sim.tire.interface.model import curve_at
 from omni_sim.vehicle import state as layout
-from omni_sim.vehicle.conventional_dynamics import squared_bends, step_conventional_wheel
 from omni_sim.vehicle.loads import wheel_loads
 from omni_sim.vehicle.roller_dynamics import displace_contacts, roller_energies, step_roller_wheel
 from omni_sim.vehicle.state import Energies, Step
-from omni_sim.vehicle.steering import driven_speed, steer
 from omni_sim.vehicle.suspension import sprung_loads
 from omni_sim.vehicle.uneven_ground import frame_turn, level, stand
+from omni_sim.vehicle.wheel_steps import squared_bends, step_omni_wheel, step_treaded_wheel
 from omni_sim.wheel.brake_pressure import press, set_demand
-from omni_sim.wheel.drivetrain import Drive, Hub, Spin, wheel_step
+from omni_sim.wheel.drivetrain import Drive
 from omni_sim.wheel.passive_losses import passive_force
-from omni_sim.wheel.single import Patch, TireConstants
+from omni_sim.wheel.steering import driven_speed, steer
 
 # Lower limit on the normal force per mass in the load transfer, for ground that falls away [m/s^2].
 _LEAST_PRESSING = 0.1
@@ -93,8 +90,7 @@ def advance(
         trajectory: output; pose and velocity of base_link in the world frame at the start and after
             each step, shape (steps + 1, 6); not written if its shape is (0, 6).
     """
-    plant, body, wheels = state.plant, state.body[0], state.wheels
-    dt = plant.dt
+    plant, body, wheels, dt = state.plant, state.body[0], state.wheels, state.plant.dt
     push, turn = dt / plant.mass, dt / plant.yaw_inertia  # one division for all steps
     filter_share = plant.filter_share / plant.mass
     uneven, lossy = state.terrain.parts.shape[0] > 0, state.losses.wheel.shape[0] > 0
@@ -134,8 +130,7 @@ def advance(
             _resist(state, body, step, loads)
         if plant.roller_pitch > 0.0 and state.rollers is None:
             displace_contacts(plant, wheels, state.contacts)
-        acting = state.pressure.acting
-        _step_wheels(state, state.rollers, state.treads, step, acting, loads)
+        _step_wheels(state, state.rollers, state.treads, step, state.pressure.acting, loads)
         pull = _resultant(state, state.rollers, state.treads)
         body.a_x += filter_share * pull[0] - plant.filter_share * body.a_x
         body.a_y += filter_share * pull[1] - plant.filter_share * body.a_y
@@ -158,7 +153,7 @@ def _steered(
     """
     if treads is None:
         return command
-    return steer(treads, state.contacts, command, follows, state.plant.dt)
+    return steer(treads.steering, treads.lateral, state.contacts, command, follows, state.plant.dt)
 
 
 @lean_inline
@@ -395,7 +390,7 @@ def _step_wheels(
             + plant.rolling[i, 2] * step.drive[2]
         )
         if treads is not None:
-            speed = driven_speed(treads, i, speed)
+            speed = driven_speed(treads.steering, i, speed)
         drive = Drive(step.drive_stiffness, speed, plant.drive_limit)
         torque = plant.brake_share[i] * brake[i]
         ramped = plant.ramp[i] > 0.0 and step.drive_stiffness <= 0.0
@@ -408,9 +403,9 @@ def _step_wheels(
         torque = 0.0 if plant.ramp[i] > 0.0 else _limited(torque, omega, plant.brake_power)
         if rollers is None:
             if treads is None:
-                _step_wheel(state, step, i, torque, drive)
+                step_omni_wheel(state, step, i, torque, drive)
             else:
-                _step_treaded(state, treads, step, i, torque, drive)
+                step_treaded_wheel(state, treads, step, i, torque, drive)
         else:
             step_roller_wheel(plant, rollers, wheel, step, i, torque, drive)
         if ramped:
@@ -421,20 +416,6 @@ def _step_wheels(
         wheel.angle += 0.5 * plant.dt * (omega + wheel.speed)
 
 
-@lean
-def _step_treaded(
-    state: layout.State, treads: layout.Treads, step: Step, i: int, brake: float, drive: Drive
-) -> None:
-    """Advance a wheel of a vehicle with conventional wheels; the arguments are `_step_wheel`'s."""
-    wheel, contact, push = state.wheels[i], state.contacts[i], treads.push[i]
-    if treads.conventional[i]:
-        step_conventional_wheel(state, treads, step, i, brake, drive)
-    else:
-        _step_wheel(state, step, i, brake, drive)
-        push[0], push[1] = wheel.force * contact.n_x, wheel.force * contact.n_y
-        push[2] = wheel.force * contact.moment
-
-
 @lean_inline
 def _limited(torque: float, speed: float, power: float) -> float:
     """Return a torque [N m], reduced if its power at a speed [rad/s] exceeds `power` [W].
@@ -442,44 +423,3 @@ def _limited(torque: float, speed: float, power: float) -> float:
     The torque must not be negative.
     """
     return power / abs(speed) if torque * abs(speed) > power else torque
-
-
-@lean_inline
-def _step_wheel(state: layout.State, step: Step, i: int, brake: float, drive: Drive) -> None:
-    """Advance a single-roller wheel by one step, with the equations of `wheel_step`.
-
-    Args:
-        state: state of the vehicle, changed in place; the record of this wheel contains its load.
-        step: quantities common to all wheels.
-        i: index of the wheel.
-        brake: torque that the brake can exert [N m].
-        drive: drive of the wheel.
-    """
-    plant, wheel, contact = state.plant, state.wheels[i], state.contacts[i]
-    dt, ahead = plant.dt, step.ahead
-    cos, sin = step.heading
-    w_x, w_y = cos * contact.r_x - sin * contact.r_y, sin * contact.r_x + cos * contact.r_y
-    if step.tilt[0] != 0.0 or step.tilt[1] != 0.0:
-        w_x, w_y = level(step.tilt[0], step.tilt[1], w_x, w_y)
-    friction = friction_at(plant.friction, plant.patches, step.place[0] + w_x, step.place[1] + w_y)
-    friction *= plant.grip[i]
-    curve = curve_at(plant.tire, min(wheel.load, plant.largest_load), friction)
-    radius = plant.radius[i] - wheel.load / plant.vertical_stiffness  # r_D of Eq. (1)
-    speed = radius * abs(wheel.speed) + plant.slip_speed  # denominator of Eq. (20)
-    mobility = dt * plant.mobility[i]
-    hub = contact.n_x * ahead[0] + contact.n_y * ahead[1] + contact.moment * ahead[2]
-    after = wheel_step(
-        TireConstants(plant.stiffness, plant.damping, dt),
-        curve,
-        Patch(wheel.deflection, speed, wheel.sliding),
-        Hub(radius * contact.rim, hub - mobility * wheel.force, mobility),
-        Spin(wheel.speed + wheel.gain, plant.wheel_inertia, brake),
-        drive,
-    )
-    wheel.speed = after.speed
-    wheel.deflection = after.deflection
-    wheel.force = after.force
-    wheel.sliding = after.sliding
-    wheel.brake = after.brake
-    wheel.slip = after.patch_velocity / speed
-    wheel.limit = curve.peak_force

@@ -5,11 +5,11 @@ import math
 import numpy as np
 
 from omni_core.quantities import GRAVITY, FloatArray
-from omni_sim.vehicle import dynamics, roller_dynamics, steering, suspension, uneven_ground
+from omni_sim.vehicle import dynamics, roller_dynamics, suspension, uneven_ground
 from omni_sim.vehicle.loads import MassProperties
 from omni_sim.vehicle.plant import static_loads
 from omni_sim.vehicle.state import ROLLER, State
-from omni_sim.wheel import brake_pressure, roller_geometry
+from omni_sim.wheel import brake_pressure, roller_geometry, steering
 
 _PLACEMENTS = 8  # iterations for the plane under the wheels, whose positions depend on the plane
 
@@ -20,7 +20,7 @@ def place(
     """Place a vehicle with wheels and rollers that roll without slip at the given twist.
 
     Steered wheels have the steering angles of this twist, whose lateral velocity is replaced as in
-    `steering`.
+    `wheel.steering`.
 
     Args:
         state: state of the vehicle, changed in place.
@@ -36,7 +36,9 @@ def place(
         for name in ("angle", "target"):
             treads.steering[name] = 0.0
         command = float(twist[0]), float(twist[1]), float(twist[2])
-        twist = np.array(steering.steer(treads, state.contacts, command, True, math.inf))
+        twist = np.array(
+            steering.steer(treads.steering, treads.lateral, state.contacts, command, True, math.inf)
+        )
     v = twist[:2] + twist[2] * np.array([-g[1], g[0]])
     cos, sin = math.cos(yaw), math.sin(yaw)
     plant, body, wheels = state.plant, state.body[0], state.wheels

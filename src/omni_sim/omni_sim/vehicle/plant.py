@@ -12,8 +12,8 @@ from omni_sim.tire.combined_slip import passive_parameters
 from omni_sim.vehicle import state
 from omni_sim.vehicle.configuration import VehicleConfiguration
 from omni_sim.vehicle.loads import load_plane, support_polygon, wheel_loads
-from omni_sim.vehicle.steering import build_steering
 from omni_sim.wheel.roller_geometry import AXIS
+from omni_sim.wheel.steering import build_steering
 
 
 def build_plant(

@@ -17,8 +17,8 @@ from omni_core.configuration import from_mapping
 from omni_core.quantities import FloatArray
 from omni_sim.tire.models.tmeasy import TMeasyParameters, curve_at, direction_coefficients
 from omni_sim.vehicle.configuration import VehicleConfiguration
-from omni_sim.vehicle.steering import nearest_target
 from omni_sim.vehicle.vehicle import Vehicle
+from omni_sim.wheel.steering import nearest_target
 
 CONFIG = Path(__file__).parents[4] / "config"
 FRONT, WHEELBASE, TRACK = 0.65, 1.3, 1.0

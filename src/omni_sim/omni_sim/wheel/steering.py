@@ -15,11 +15,35 @@ import math
 from collections.abc import Mapping
 
 import numpy as np
+from numpy.typing import NDArray
 
 from omni_core.geometry import PlatformGeometry, WheelMount, cross
 from omni_core.kernels import lean
 from omni_core.quantities import FloatArray, Triple
-from omni_sim.vehicle.state import STEERING, Structured, Treads
+
+Structured = NDArray[np.void]
+
+STEERING = np.dtype(
+    [
+        (name, np.float64)
+        for name in (
+            *("angle", "rate", "target", "speed", "limit", "fastest", "heading", "x", "y"),
+            "radius",
+        )
+    ]
+)
+"""Steering of a wheel.
+
+    angle     steering angle, counter-clockwise from the wheel's heading [rad]
+    rate      rate of the steering angle in the last step [rad/s]
+    target    steering angle toward which the wheel turns [rad]
+    speed     wheel speed with which the wheel follows the command at this angle [rad/s]
+    limit     limit on the steering angle [rad]; 0 if the wheel is not steered
+    fastest   limit on its rate [rad/s]
+    heading   rolling direction at a steering angle of 0, in the body frame [rad]
+    x, y      position of the wheel in the body frame [m]
+    radius    rolling radius under the static load [m]
+"""
 
 _TURNS = 5  # half turns by which a target may differ from the direction of the velocity
 
@@ -52,21 +76,30 @@ def build_steering(
 
 
 @lean
-def steer(treads: Treads, contacts: Structured, drive: Triple, follows: bool, dt: float) -> Triple:
+def steer(
+    steering: Structured,
+    lateral: Triple,
+    contacts: Structured,
+    drive: Triple,
+    follows: bool,
+    dt: float,
+) -> Triple:
     """Turn the steered wheels by one step; return the twist that the drives follow.
 
     Args:
-        treads: contacts of the wheels; the steering is changed in place.
-        contacts: `state.CONTACT`; active direction and lever of the steered wheels are written.
+        steering: steering of the wheels, `STEERING`, changed in place, shape (N,).
+        lateral: lateral velocity that the drives follow, per unit of the commanded twist
+            [1, 1, m].
+        contacts: `vehicle.state.CONTACT`, shape (N,); active direction and lever of the steered
+            wheels are written.
         drive: commanded twist in the body frame [m/s, m/s, rad/s].
         follows: whether the wheels follow the command; otherwise they keep their targets.
         dt: length of the step [s]; infinite to reach the targets at once.
     """
-    lateral, turn = treads.lateral, drive[2]
-    v_x = drive[0]
+    v_x, turn = drive[0], drive[2]
     v_y = lateral[0] * drive[0] + lateral[1] * drive[1] + lateral[2] * turn
-    for i in range(treads.steering.shape[0]):
-        wheel, contact = treads.steering[i], contacts[i]
+    for i in range(steering.shape[0]):
+        wheel, contact = steering[i], contacts[i]
         if wheel.limit <= 0.0:
             continue
         c_x, c_y = v_x - turn * wheel.y, v_y + turn * wheel.x
@@ -85,10 +118,10 @@ def steer(treads: Treads, contacts: Structured, drive: Triple, follows: bool, dt
 
 
 @lean
-def driven_speed(treads: Treads, wheel: int, speed: float) -> float:
+def driven_speed(steering: Structured, wheel: int, speed: float) -> float:
     """Return the speed that a wheel's drive follows [rad/s]; `speed` is that at an angle of 0."""
-    steering = treads.steering[wheel]
-    return steering.speed if steering.limit > 0.0 else speed
+    followed: float = steering[wheel].speed if steering[wheel].limit > 0.0 else speed
+    return followed
 
 
 @lean

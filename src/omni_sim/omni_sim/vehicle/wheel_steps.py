@@ -1,22 +1,78 @@
-"""Conventional wheels in the dynamics kernel: a tire with combined slip, Eqs. (1), (2).
+"""Steps of single-roller wheels and of conventional wheels in the dynamics kernel.
 
-A conventional wheel is a `wheel.roller` that cannot turn about its own axis: its contact is
-connected to the rim both along the active direction of `omni_core.geometry`, which is opposite to
-the rolling direction, and along the wheel's axis. Both directions share one friction force.
+A conventional wheel, Eqs. (1), (2), is a `wheel.roller` that cannot turn about its own axis: its
+contact is connected to the rim both along the active direction of `omni_core.geometry`, which is
+opposite to the rolling direction, and along the wheel's axis. Both directions share one friction
+force.
 """
 
-from omni_core.kernels import lean
+from omni_core.kernels import lean, lean_inline
 from omni_sim.ground.friction import friction_at
 from omni_sim.tire.interface.model import curve_at
 from omni_sim.vehicle.state import State, Step, Treads
 from omni_sim.vehicle.uneven_ground import level
-from omni_sim.wheel.drivetrain import Drive, Spin
+from omni_sim.wheel.drivetrain import Drive, Hub, Spin, wheel_step
 from omni_sim.wheel.roller import RollerHub, RollerPatch, roller_step
-from omni_sim.wheel.single import TireConstants
+from omni_sim.wheel.single import Patch, TireConstants
+
+
+@lean_inline
+def step_omni_wheel(state: State, step: Step, i: int, brake: float, drive: Drive) -> None:
+    """Advance a single-roller wheel by one step, with the equations of `wheel_step`.
+
+    Args:
+        state: state of the vehicle, changed in place; the record of this wheel contains its load.
+        step: quantities common to all wheels.
+        i: index of the wheel.
+        brake: torque that the brake can exert [N m].
+        drive: drive of the wheel.
+    """
+    plant, wheel, contact = state.plant, state.wheels[i], state.contacts[i]
+    dt, ahead = plant.dt, step.ahead
+    cos, sin = step.heading
+    w_x, w_y = cos * contact.r_x - sin * contact.r_y, sin * contact.r_x + cos * contact.r_y
+    if step.tilt[0] != 0.0 or step.tilt[1] != 0.0:
+        w_x, w_y = level(step.tilt[0], step.tilt[1], w_x, w_y)
+    friction = friction_at(plant.friction, plant.patches, step.place[0] + w_x, step.place[1] + w_y)
+    friction *= plant.grip[i]
+    curve = curve_at(plant.tire, min(wheel.load, plant.largest_load), friction)
+    radius = plant.radius[i] - wheel.load / plant.vertical_stiffness  # r_D of Eq. (1)
+    speed = radius * abs(wheel.speed) + plant.slip_speed  # denominator of Eq. (20)
+    mobility = dt * plant.mobility[i]
+    hub = contact.n_x * ahead[0] + contact.n_y * ahead[1] + contact.moment * ahead[2]
+    after = wheel_step(
+        TireConstants(plant.stiffness, plant.damping, dt),
+        curve,
+        Patch(wheel.deflection, speed, wheel.sliding),
+        Hub(radius * contact.rim, hub - mobility * wheel.force, mobility),
+        Spin(wheel.speed + wheel.gain, plant.wheel_inertia, brake),
+        drive,
+    )
+    wheel.speed = after.speed
+    wheel.deflection = after.deflection
+    wheel.force = after.force
+    wheel.sliding = after.sliding
+    wheel.brake = after.brake
+    wheel.slip = after.patch_velocity / speed
+    wheel.limit = curve.peak_force
 
 
 @lean
-def step_conventional_wheel(
+def step_treaded_wheel(
+    state: State, treads: Treads, step: Step, i: int, brake: float, drive: Drive
+) -> None:
+    """Advance a wheel of a vehicle with conventional wheels, like `step_omni_wheel`."""
+    wheel, contact, push = state.wheels[i], state.contacts[i], treads.push[i]
+    if treads.conventional[i]:
+        _step_conventional_wheel(state, treads, step, i, brake, drive)
+    else:
+        step_omni_wheel(state, step, i, brake, drive)
+        push[0], push[1] = wheel.force * contact.n_x, wheel.force * contact.n_y
+        push[2] = wheel.force * contact.moment
+
+
+@lean
+def _step_conventional_wheel(
     state: State, treads: Treads, step: Step, i: int, brake: float, drive: Drive
 ) -> None:
     """Advance a conventional wheel by one step; the wheel angle is not changed.
