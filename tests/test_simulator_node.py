@@ -188,3 +188,44 @@ def test_two_publishers_of_enables_put_all_brakes_on(assistant: Assistant) -> No
     assistant.node.destroy_publisher(rival)
     assistant.wait(lambda: not assistant.torque.any())
     assert assistant.process.returncode is None
+
+
+class Joints(Bystander):
+    """Receives the angles for `robot_state_publisher`."""
+
+    def __init__(self, domain: int) -> None:
+        super().__init__("joints", domain)
+        self.angles: dict[str, float] = {}
+        self.steering: dict[str, float] = {}
+        self.node.create_subscription(JointState, "joint_states", self._on_joints, RELIABLE)
+        self.node.create_subscription(JointState, "steering_states", self._on_steering, RELIABLE)
+
+    def _on_joints(self, message: JointState) -> None:
+        self.angles = dict(zip(message.name, message.position, strict=True))
+
+    def _on_steering(self, message: JointState) -> None:
+        self.steering = dict(zip(message.name, message.position, strict=True))
+
+
+def test_joint_states_contain_the_steering_joints(tmp_path: Path) -> None:
+    overrides = [
+        "feedback=velocity_sensor",
+        "simulation.render_lines=false",
+        "simulation.duration_limit=60",
+        "maneuver.demands.time=[0, 0.5, 60]",
+        "maneuver.demands.forward=[0, 0.5, 0.5]",
+        "maneuver.demands.left=[0, 0, 0]",
+        "maneuver.demands.turn=[0, 0.5, 0.5]",
+        "maneuver.demands.pedal=[0, 0, 0]",
+    ]
+    library = ExperimentLibrary(WORKSPACE / "config")
+    configuration = library.load("steered_forklift", "unassisted", overrides)
+    process = graph.Nodes(configuration, tmp_path).simulator(driven=True, listeners=0)
+    with reserved_domain() as domain, ProcessGroup(node_environment(domain)) as group:
+        group.start(process)
+        with closing(Joints(domain)) as joints:
+            joints.wait(lambda: bool(joints.angles) and bool(joints.steering))
+            wheels = set(configuration.vehicle.wheels)
+            steered = {"rear_left_steering", "rear_right_steering"}
+            assert set(joints.angles) == wheels | steered
+            assert set(joints.steering) == wheels

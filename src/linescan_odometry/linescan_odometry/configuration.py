@@ -123,6 +123,11 @@ class OdometryConfiguration(Configuration):
         """All sensors, keyed by name: line cameras, then flow sensors."""
         return {**self.sensors, **self.flow_sensors}
 
+    @property
+    def is_steered(self) -> bool:
+        """Whether a sensor is on a steered carrier."""
+        return any(sensor.carrier for sensor in self.all_sensors.values())
+
     def shift_limit(self, sensor: LineSensor) -> int:
         """Return the limit on the shift [px]: number of pixels / `shift_divisor`, rounded down."""
         return int(sensor.pixels / self.shift_divisor)

@@ -22,6 +22,7 @@ from linescan_odometry.twist.least_squares import TwistSolver
 from linescan_odometry.unsuitable_views import UnsuitableViews
 from omni_core.configuration import ConfigurationError
 from omni_core.quantities import FloatArray
+from omni_core.sensors import carried_velocity, turned_mount
 from omni_core.signals import Flow, LineBatch, LineBatchError
 
 __all__ = ["LineBatch", "LineScanOdometry", "OdometryConfiguration", "TwistEstimate"]
@@ -89,9 +90,10 @@ class LineScanOdometry:
         self._solver = TwistSolver(
             configuration.all_sensors, configuration.minimum_lever, self._axle
         )
-        self._views = UnsuitableViews(
-            configuration.sensors if configuration.cover_detection else {}
-        )
+        # Views are compared with the twist only for cameras that are fixed to the body.
+        watched = configuration.sensors if configuration.cover_detection else {}
+        self._views = UnsuitableViews({n: s for n, s in watched.items() if not s.carrier})
+        self._carried = np.zeros(0)  # velocities due to the steering rates [m/s], shape (R,)
         self._stamp_ns = 0
         self._early: list[tuple[LineBatch, Callable[[], SensorReading]]] = []
 
@@ -112,12 +114,18 @@ class LineScanOdometry:
                 if abs(batch.stamp_ns - taken.stamp_ns) <= _EARLIEST_NS
             ]
 
-    def update(self, batches: Mapping[str, LineBatch | Flow]) -> TwistEstimate:
+    def update(
+        self,
+        batches: Mapping[str, LineBatch | Flow],
+        steering: Mapping[str, tuple[float, float]] | None = None,
+    ) -> TwistEstimate:
         """Return the twist estimated from the measurements since the last update.
 
         Args:
             batches: batches of the cameras and measurements of the flow sensors, keyed by sensor
                 name. A sensor without an entry counts as unmeasured.
+            steering: mean angle [rad] and rate [rad/s] of each carrier during the batch, keyed by
+                wheel. A sensor whose carrier has no entry counts as unmeasured.
 
         Raises:
             LineBatchError: a name does not belong to a configured camera (for lines) or flow
@@ -139,7 +147,34 @@ class LineScanOdometry:
         readings = {name: self._read(name, lines.get(name)) for name in self._sensors}
         measured = {name: self._read_flow(name, flows.get(name)) for name in self._flows}
         readings |= self._views.stopped(self._stamp_ns, readings)
+        if self._configuration.is_steered:
+            readings |= self._turn(readings, steering or {})
         return self._estimate(readings, measured)
+
+    def _turn(
+        self, readings: Mapping[str, SensorReading], steering: Mapping[str, tuple[float, float]]
+    ) -> dict[str, SensorReading]:
+        """Turn the sensors on steered carriers; return the readings that cannot be used.
+
+        Args:
+            readings: readings of all cameras.
+            steering: mean angle [rad] and rate [rad/s] of each carrier, keyed by wheel.
+        """
+        turned, carried, unknown = {}, [], {}
+        for name, sensor in self._configuration.all_sensors.items():
+            angle, rate = steering.get(sensor.carrier, (0.0, 0.0))
+            if sensor.carrier and sensor.carrier not in steering and name in readings:
+                unknown[name] = SensorReading.unmeasured(f"no steering angle of {sensor.carrier}")
+            turned[name] = turned_mount(sensor, angle) if sensor.carrier else sensor
+            carried += carried_velocity(turned[name], rate)
+        minimum_lever = self._configuration.minimum_lever
+        try:
+            self._solver = TwistSolver(turned, minimum_lever, self._axle)
+        except ConfigurationError as error:  # at this angle, the sensors do not suffice
+            words = f"steered: {error.problem}"
+            return {name: SensorReading.unmeasured(words) for name in readings}
+        self._carried = np.array(carried)
+        return unknown
 
     def warm_up(self) -> None:
         """Compile or load all kernels, so that the first update is as fast as later updates.
@@ -227,6 +262,8 @@ class LineScanOdometry:
             velocity = np.concatenate([velocity, *(f.velocity for f in flows.values())])
             of_flows = (np.diag(f.covariance) for f in flows.values())
             variance = np.concatenate([variance, *of_flows])
+        if self._carried.size:
+            velocity = velocity - self._carried
         used = self._solver.rows(measured)
         largest = float(np.max(variance, where=used, initial=0.0))
         variance = np.maximum(variance, max(_SMALLEST_SHARE * largest, _MINIMUM_VARIANCE))

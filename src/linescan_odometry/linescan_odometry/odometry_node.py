@@ -5,14 +5,14 @@ timeouts.
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from copy import copy
 from functools import partial
 from typing import Any
 
 from geometry_msgs.msg import TwistWithCovarianceStamped
 from rclpy.node import Node
-from sensor_msgs.msg import CameraInfo
+from sensor_msgs.msg import CameraInfo, JointState
 
 from linescan_odometry.measurements import FlowReading, SensorReading
 from linescan_odometry.odometry import OdometryConfiguration, TwistEstimate
@@ -68,7 +68,8 @@ class OdometryNode(Node):
         pose = PoseIntegrator(configuration.maximum_speed, configuration.maximum_yaw_rate)
         self._pose = PosePublisher(self, self._prefix, pose)
         if interface.publish_tf:
-            self._pose.publish_transforms(configuration.all_sensors)
+            mounts = configuration.all_sensors.items()
+            self._pose.publish_transforms({name: one for name, one in mounts if not one.carrier})
         sensors = ", ".join(configuration.all_sensors)
         self._status = StatusReporter(
             self, Status(ERROR, f"no lines yet; waiting for a batch from {sensors}")
@@ -86,6 +87,8 @@ class OdometryNode(Node):
             subscribe(self, topics.lines(name), partial(self._on_lines, name), newest, raw=True)
             received = partial(self._on_camera_info, name, sensor)
             subscribe(self, topics.camera_info(name), received, LATCHED)
+        if configuration.is_steered:
+            subscribe(self, topics.STEERING, self._on_steering, qos)
         for name in configuration.flow_sensors:
             subscribe(self, topics.flow(name), partial(self._on_flow, name), qos)
 
@@ -103,11 +106,21 @@ class OdometryNode(Node):
     def _on_flow(self, sensor: str, message: TwistWithCovarianceStamped) -> None:
         self._take(sensor, messages.flow_of(message))
 
+    def _on_steering(self, message: JointState) -> None:
+        angles = dict(zip(message.name, message.position, strict=False))
+        stamp_ns = messages.to_nanoseconds(message.header.stamp)
+        self._publish(self._odometry.steer(stamp_ns, angles))
+
     def _on_camera_info(self, name: str, sensor: LineSensor, message: CameraInfo) -> None:
         self._contradictions[name] = line_images.contradiction_of(message, sensor)
 
     def _take(self, sensor: str, batch: LineBatch | Flow) -> None:
-        for estimate, sideslip in self._odometry.take(sensor, batch):
+        self._publish(self._odometry.take(sensor, batch))
+
+    def _publish(
+        self, estimates: Iterable[tuple[TwistEstimate, dict[str, SideslipEstimate]]]
+    ) -> None:
+        for estimate, sideslip in estimates:
             for topic, message in estimate_messages(estimate, sideslip).items():
                 prefix_frames(message, self._prefix)
                 self._estimates[topic].publish(message)

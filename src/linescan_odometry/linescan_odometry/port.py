@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Any, Protocol
+
+import numpy as np
 
 from linescan_odometry.configuration import OdometryConfiguration
 from linescan_odometry.measurements import TwistEstimate
@@ -16,6 +19,8 @@ from omni_core.signals import Flow, LineBatch, TwistSample
 ODOMETRY_GROUP = "linescan_odometry.odometries"
 """Group of entry points in which an installed package registers odometry classes by name."""
 
+_ANGLES = 16
+"""Number of steering angles that are kept; a batch lies between two of the newest ones"""
 _PATIENCE_NS = 15_000_000
 """Time by which another sensor may be ahead before a group stops waiting [ns]."""
 
@@ -26,8 +31,11 @@ class Odometry(Protocol):
     def match(self, name: str, batch: LineBatch) -> None:
         """Start to process a batch of one camera; the next `update` receives the same batch."""
 
-    def update(self, batches: Mapping[str, LineBatch | Flow]) -> TwistEstimate:
-        """Return the twist estimated from the measurements since the last update."""
+    def update(self, batches: Mapping[str, LineBatch | Flow], **steering: Any) -> TwistEstimate:
+        """Return the twist estimated from the measurements since the last update.
+
+        `steering` contains an entry ``steering`` if cameras are on steered carriers.
+        """
 
     def warm_up(self) -> None:
         """Compile or load all kernels of the estimator, so that the first update is fast."""
@@ -42,8 +50,8 @@ class _OwnOdometry:
     def match(self, name: str, batch: LineBatch) -> None:
         pass
 
-    def update(self, batches: Mapping[str, LineBatch | Flow]) -> TwistEstimate:
-        twist: TwistSample = self._odometry.update(batches)
+    def update(self, batches: Mapping[str, LineBatch | Flow], **steering: Any) -> TwistEstimate:
+        twist: TwistSample = self._odometry.update(batches, **steering)
         return TwistEstimate(twist.stamp_ns, twist.value, twist.covariance, True, {})
 
     def warm_up(self) -> None:
@@ -220,6 +228,9 @@ class OdometryPort:
     def __init__(self, own_odometry: str, configuration: OdometryConfiguration) -> None:
         self._odometry = make_odometry(own_odometry, configuration)
         self._collector = BatchCollector.of(configuration)
+        self._groups: deque[dict[str, LineBatch | Flow]] = deque()
+        self._steered = {name: s for name, s in configuration.sensors.items() if s.carrier}
+        self._steering: deque[tuple[int, Mapping[str, float]]] = deque(maxlen=_ANGLES)
         self._wheels = {
             name: WheelSideslip(wheel, configuration.sensors[wheel.sensor])
             for name, wheel in configuration.sideslip.items()
@@ -228,6 +239,22 @@ class OdometryPort:
     def warm_up(self) -> None:
         """Compile or load all kernels of the estimator, so that the first update is fast."""
         self._odometry.warm_up()
+
+    def steer(
+        self, stamp_ns: int, angles: Mapping[str, float]
+    ) -> Iterator[tuple[TwistEstimate, dict[str, SideslipEstimate]]]:
+        """Process the steering angles at a stamp, and yield the estimates like `take`.
+
+        Args:
+            stamp_ns: stamp [ns].
+            angles: steering angle of each wheel [rad]; ignored if no camera is on a carrier.
+        """
+        if not self._steered:
+            return
+        if self._steering and stamp_ns <= self._steering[-1][0]:
+            self._steering.clear()  # the recording is played again
+        self._steering.append((stamp_ns, angles))
+        yield from self._finished()
 
     def take(
         self, sensor: str, batch: LineBatch | Flow
@@ -243,7 +270,38 @@ class OdometryPort:
         """
         if isinstance(batch, LineBatch):
             self._odometry.match(sensor, batch)
-        for batches in self._collector.add(sensor, batch):
-            estimate = self._odometry.update(batches)
+        self._groups.extend(self._collector.add(sensor, batch))
+        yield from self._finished()
+
+    def _finished(self) -> Iterator[tuple[TwistEstimate, dict[str, SideslipEstimate]]]:
+        """Yield the estimates of all groups for which the steering angles are known.
+
+        If the angles are late, the newest group waits for them.
+        """
+        while self._groups:
+            batches = self._groups[0]
+            newest_ns = max(batch.stamp_ns for batch in batches.values())
+            late = not self._steering or self._steering[-1][0] < newest_ns
+            if self._steered and late and len(self._groups) < 2:
+                return
+            self._groups.popleft()
+            own = {"steering": self._angles(batches)} if self._steered else {}
+            estimate = self._odometry.update(batches, **own)
             angles = {name: wheel.measure_with(estimate) for name, wheel in self._wheels.items()}
             yield estimate, angles
+
+    def _angles(self, batches: Mapping[str, LineBatch | Flow]) -> dict[str, tuple[float, float]]:
+        """Return mean angle [rad] and rate [rad/s] of each carrier in the batch of its camera."""
+        found = {}
+        stamps = [stamp_ns for stamp_ns, _ in self._steering]
+        for name, batch in batches.items():
+            sensor = self._steered.get(name)
+            if sensor is None or not isinstance(batch, LineBatch) or not stamps:
+                continue
+            duration_ns = 1e9 * max(len(batch.lines), 1) / sensor.line_rate
+            ends = np.array([batch.stamp_ns - duration_ns, batch.stamp_ns])
+            angle = [angles.get(sensor.carrier, math.nan) for _, angles in self._steering]
+            first, last = np.interp(ends, stamps, angle)
+            if ends[1] <= stamps[-1] and math.isfinite(first + last):
+                found[sensor.carrier] = 0.5 * (first + last), 1e9 * (last - first) / duration_ns
+        return found

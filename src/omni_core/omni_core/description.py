@@ -1,5 +1,6 @@
 """Robot description (URDF) of a vehicle, for viewers and for the frames of tf2."""
 
+import cmath
 import math
 from collections.abc import Mapping
 from xml.etree import ElementTree
@@ -13,6 +14,11 @@ IMU_FRAME = "imu"
 _BODY_HEIGHT = 0.2  # [m], only for the picture
 
 
+def steering_joint(wheel: str) -> str:
+    """Return the name of the joint about which a wheel is steered, and of the link below it."""
+    return f"{wheel}_steering"
+
+
 def urdf(
     name: str,
     wheels: Mapping[str, WheelMount],
@@ -20,6 +26,8 @@ def urdf(
     chassis: tuple[float, float, float, float] | None = None,
 ) -> str:
     """Return the URDF of a vehicle.
+
+    A steered wheel turns about the joint of its steering, which `steering_joint` names.
 
     `base_link` is on the ground. Each wheel's joint has the name of the
     wheel, so messages on `wheel_states` are states of these joints. The frame of a camera or flow
@@ -44,13 +52,33 @@ def urdf(
         cylinder = _visual(link, (0.0, 0.0, 0.0), (math.pi / 2.0, 0.0, 0.0))
         shape = {"radius": str(wheel.radius), "length": str(wheel.assumed_width)}
         ElementTree.SubElement(cylinder, "cylinder", shape)
-        place = (wheel.x, wheel.y, wheel.radius)
-        joint = _joint(robot, wheel_name, "continuous", link, place, wheel.heading_deg)
+        place, parent = (wheel.x, wheel.y, wheel.radius), "base_link"
+        if wheel.is_steered:
+            parent = steering_joint(wheel_name)
+            carrier = ElementTree.SubElement(robot, "link", name=parent)
+            joint = _joint(robot, parent, "revolute", carrier, place, wheel.heading_deg)
+            ElementTree.SubElement(joint, "axis", xyz="0 0 1")
+            most, fastest = map(math.radians, (wheel.steering_limit_deg, wheel.steering_rate_deg))
+            limits = {"lower": -most, "upper": most, "velocity": fastest, "effort": 0.0}
+            ElementTree.SubElement(
+                joint, "limit", {name: _numbers(value) for name, value in limits.items()}
+            )
+            place = (0.0, 0.0, 0.0)
+        heading = 0.0 if wheel.is_steered else wheel.heading_deg
+        joint = _joint(robot, wheel_name, "continuous", link, place, heading, parent)
         ElementTree.SubElement(joint, "axis", xyz="0 1 0")
     for sensor_name, sensor in sensors.items():
         link = ElementTree.SubElement(robot, "link", name=sensor_name)
-        place = (sensor.x, sensor.y, 0.0)
-        _joint(robot, f"{sensor_name}_mount", "fixed", link, place, sensor.heading_deg)
+        parent, x, y, heading = "base_link", sensor.x, sensor.y, sensor.heading_deg
+        height = 0.0
+        if sensor.carrier:
+            wheel, parent = wheels[sensor.carrier], steering_joint(sensor.carrier)
+            offset = complex(x - wheel.x, y - wheel.y)
+            offset *= cmath.exp(-1j * math.radians(wheel.heading_deg))
+            x, y, height = offset.real, offset.imag, -wheel.radius
+            heading -= wheel.heading_deg
+        place = (x, y, height)
+        _joint(robot, f"{sensor_name}_mount", "fixed", link, place, heading, parent)
     ElementTree.indent(robot)
     return '<?xml version="1.0"?>\n' + ElementTree.tostring(robot, encoding="unicode") + "\n"
 
@@ -82,9 +110,10 @@ def _joint(
     child: ElementTree.Element,
     place: tuple[float, float, float],
     heading_deg: float,
+    parent: str = "base_link",
 ) -> ElementTree.Element:
     joint = ElementTree.SubElement(robot, "joint", name=name, type=kind)
-    ElementTree.SubElement(joint, "parent", link="base_link")
+    ElementTree.SubElement(joint, "parent", link=parent)
     ElementTree.SubElement(joint, "child", link=child.attrib["name"])
     turn = _numbers(0.0, 0.0, math.radians(heading_deg))
     ElementTree.SubElement(joint, "origin", xyz=_numbers(*place), rpy=turn)

@@ -79,6 +79,11 @@ class WheelMount(Configuration):
             )
 
     @property
+    def is_steered(self) -> bool:
+        """Whether the wheel is steered."""
+        return self.steering_limit_deg > 0.0
+
+    @property
     def assumed_width(self) -> float:
         """Width of the wheel, typical if it is unknown [m]."""
         return self.width or TYPICAL_WIDTH * 2.0 * self.radius

@@ -82,6 +82,7 @@ class PlatformKinematics:
         if not geometry.conventional.any():
             _require_rank_three(self.matrix, geometry)
         self._inverse = self._inverse_with(geometry.radius)
+        self._steered = next((name for name, mount in wheels.items() if mount.is_steered), "")
 
     @staticmethod
     def of(wheels: Mapping[str, WheelMount]) -> PlatformKinematics:
@@ -129,7 +130,15 @@ class PlatformKinematics:
 
         Returns:
             ``(v_cx, v_cy, Omega)`` in the body frame [m/s, m/s, rad/s], shape (..., 3).
+
+        Raises:
+            UnusablePlatformError: a wheel is steered.
         """
+        if self._steered:
+            raise UnusablePlatformError(
+                f"wheels.{self._steered}",
+                "is steered, so the wheel speeds alone do not determine the twist",
+            )
         return wheel_speeds @ self._forward.T
 
     def wheel_velocities(self, twist: FloatArray) -> FloatArray:

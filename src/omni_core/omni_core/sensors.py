@@ -7,8 +7,10 @@ Each pixel integrates over the `width` of the footprint across the axis (dissert
 4.3.2).
 """
 
+import dataclasses
 import math
 from collections.abc import Mapping, Sequence
+from typing import TypeVar
 
 import numpy as np
 
@@ -43,6 +45,13 @@ class Mount(Configuration):
     """Standard error of the axis direction"""
     lever_error: float = parameter(0.0, unit="m", minimum=0.0, maximum=10.0)
     """Standard error of the distance between base_link and the straight line along the axis"""
+    carrier: str = parameter("")
+    """Steered wheel with which the sensor turns; empty if the sensor is fixed to the body. Position
+    and heading are those at a steering angle of 0"""
+    carrier_x: float = parameter(0.0, unit="m", minimum=-LARGEST_OFFSET, maximum=LARGEST_OFFSET)
+    """Position of the steering axis of `carrier`, forward of base_link"""
+    carrier_y: float = parameter(0.0, unit="m", minimum=-LARGEST_OFFSET, maximum=LARGEST_OFFSET)
+    """Position of the steering axis of `carrier`, left of base_link"""
 
     @property
     def heading(self) -> float:
@@ -53,6 +62,9 @@ class Mount(Configuration):
     def directions(self) -> tuple[float, ...]:
         """Directions of the measured velocities in the body frame [rad]."""
         return (self.heading,)
+
+
+M = TypeVar("M", bound=Mount)
 
 
 class LineSensor(Mount):
@@ -140,6 +152,30 @@ def rotation_matrix(angles_deg: Sequence[float]) -> FloatArray:
     about_y = np.array([[b, 0.0, e], [0.0, 1.0, 0.0], [-e, 0.0, b]])
     about_z = np.array([[c, -f, 0.0], [f, c, 0.0], [0.0, 0.0, 1.0]])
     return np.asarray(about_z @ about_y @ about_x)
+
+
+def turned_mount(sensor: M, angle: float) -> M:
+    """Return the mounting of a sensor whose carrier has turned by a steering angle [rad]."""
+    cos, sin = math.cos(angle), math.sin(angle)
+    x, y = sensor.x - sensor.carrier_x, sensor.y - sensor.carrier_y
+    heading = math.remainder(sensor.heading + angle, math.tau)
+    return dataclasses.replace(
+        sensor,
+        x=sensor.carrier_x + cos * x - sin * y,
+        y=sensor.carrier_y + sin * x + cos * y,
+        heading_deg=math.degrees(heading),
+    )
+
+
+def carried_velocity(sensor: Mount, rate: float) -> list[float]:
+    """Return the velocities that a steering rate causes along the directions of a sensor [m/s].
+
+    Args:
+        sensor: sensor at the present steering angle.
+        rate: rate of the steering angle [rad/s].
+    """
+    x, y = sensor.x - sensor.carrier_x, sensor.y - sensor.carrier_y
+    return [rate * velocity_row(x, y, direction)[2] for direction in sensor.directions]
 
 
 def sensor_matrix(sensors: Mapping[str, Mount]) -> FloatArray:

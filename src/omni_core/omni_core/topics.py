@@ -95,6 +95,12 @@ _WHEELS = (
     Signal("brake_torque", "effort", "N m", PER_WHEEL),
 )
 WHEEL_STATES = Topic("wheel_states", JOINT_STATE, "simulator", _WHEELS)
+_STEERING = (
+    Signal("steering_angle", "position", "rad", PER_WHEEL),
+    Signal("steering_rate", "velocity", "rad/s", PER_WHEEL),
+)
+STEERING = Topic("steering_states", JOINT_STATE, "simulator", _STEERING, needs="vehicle.is_steered")
+"""Steering angle of each wheel, counter-clockwise from the wheel's heading; 0 if not steered."""
 _PEDAL = (Signal("pedal", "position", "1"),)
 PEDAL = Topic("brake/pedal", JOINT_STATE, "simulator", _PEDAL, joints=("brake_pedal",))
 _ENABLE = (Signal("enable", "effort", "1", PER_WHEEL),)
@@ -130,7 +136,7 @@ SIDESLIP = Topic(
 )
 DRIVER_PEDAL = Topic("driver/pedal", JOINT_STATE, "driver", recorded=False)
 JOINT_STATES = Topic("joint_states", JOINT_STATE, "simulator", recorded=False)
-"""Wheel angles for `robot_state_publisher`."""
+"""Angles of wheels and steering joints for `robot_state_publisher`."""
 ROBOT_DESCRIPTION = Topic(
     "robot_description", "std_msgs/msg/String", "simulator", latched=True, recorded=False
 )

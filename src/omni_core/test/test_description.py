@@ -55,3 +55,32 @@ def test_the_chassis_is_drawn_around_its_center() -> None:
     assert box is not None
     assert place.attrib["xyz"].split()[:2] == ["-0.14", "0.02"]
     assert box.attrib["size"].split()[:2] == ["0.75", "0.5"]
+
+
+def test_steered_wheel_turns_about_a_vertical_joint_of_its_own() -> None:
+    wheel = WheelMount(
+        kind="conventional", x=0.5, y=0.2, heading_deg=20.0, steering_limit_deg=90.0, radius=0.1
+    )
+    camera = LineSensor(x=0.5, y=0.3, heading_deg=110.0, carrier="front")
+    robot = ElementTree.fromstring(urdf("toy", {"front": wheel}, {"camera": camera}))
+    joints = {joint.attrib["name"]: joint for joint in robot.iter("joint")}
+    mount = joints["camera_mount"]
+    assert mount.find("parent").attrib["link"] == "front_steering"  # type: ignore[union-attr]
+    place = [float(v) for v in mount.find("origin").attrib["xyz"].split()]  # type: ignore[union-attr]
+    turn = math.radians(20.0)
+    assert place == pytest.approx([0.1 * math.sin(turn), 0.1 * math.cos(turn), -0.1])
+    places = {
+        name: (joint.find("parent").attrib["link"], joint.find("origin").attrib, axis.attrib["xyz"])  # type: ignore[union-attr]
+        for name, joint in joints.items()
+        for axis in joint.iter("axis")
+    }
+    parent, origin, axis = places["front_steering"]
+    assert (parent, axis) == ("base_link", "0 0 1")
+    assert [float(v) for v in origin["xyz"].split()] == pytest.approx([0.5, 0.2, 0.1])
+    assert float(origin["rpy"].split()[2]) == pytest.approx(math.radians(20.0))
+    limit = joints["front_steering"].find("limit")
+    assert limit is not None
+    assert float(limit.attrib["upper"]) == pytest.approx(math.pi / 2.0)
+    parent, origin, axis = places["front"]
+    assert (parent, axis) == ("front_steering", "0 1 0")
+    assert [float(v) for v in f"{origin['xyz']} {origin['rpy']}".split()] == [0.0] * 6

@@ -105,7 +105,8 @@ class ExperimentConfiguration(SimulatorConfiguration):
         """Check that the configured odometry, law and engine work on a simulated vehicle.
 
         An odometry with few cameras may need an axle that resists lateral slip. A recorded vehicle
-        may have such an axle, so replays skip this check; a simulated vehicle has none.
+        may have such an axle, so replays skip this check; a simulated vehicle has one if there are
+        unsteered conventional wheels.
 
         Raises:
             ConfigurationError: the odometry needs such an axle, a user's law or odometry cannot be
@@ -117,15 +118,20 @@ class ExperimentConfiguration(SimulatorConfiguration):
         if self.own_odometry:
             make_odometry(self.own_odometry, self.odometry)
         odometry = self.odometry
-        if self.feedback != "optical" or odometry.kinematics.axle is None:
+        axle = odometry.kinematics.axle
+        if self.feedback != "optical" or axle is None:
             return
+        for mount in self.vehicle.wheels.values():
+            if mount.kind == "conventional" and not mount.is_steered and mount.x == axle:
+                return
         try:
             check_placement(odometry.all_sensors, odometry.minimum_lever)
         except ConfigurationError:
             raise ConfigurationError(
                 "odometry.kinematics.constraint",
-                "wheels with rollers slip sideways, so no axle of this vehicle can replace a "
-                f"sensor; {', '.join(odometry.all_sensors)} must measure the twist by themselves",
+                f"no unsteered conventional wheel of this vehicle is at x = {axle:g} m, and wheels "
+                "with rollers slip sideways, so no such axle can replace a sensor; "
+                f"{', '.join(odometry.all_sensors)} must measure the twist by themselves",
             ) from None
 
 

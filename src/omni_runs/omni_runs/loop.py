@@ -87,21 +87,27 @@ class SensorEstimator:
 class LineEstimator:
     """Odometry that estimates the twist from the lines of the cameras."""
 
-    def __init__(self, odometry: OdometryPort) -> None:
-        self._odometry = odometry
+    def __init__(self, odometry: OdometryPort, wheels: Iterable[str] = ()) -> None:
+        """Create the estimator; `wheels` names the wheels if cameras are on steered carriers."""
+        self._odometry, self._wheels = odometry, tuple(wheels)
 
     def estimate(self, observation: Observation) -> signals.TwistSample:
         """Return the twist estimated from the lines since the last stamp."""
         # The lines of each camera are matched while those of the next camera are rendered.
         inputs = chain(observation.line_batches.items(), observation.flows.items())
-        *_, (newest, _) = chain.from_iterable(starmap(self._odometry.take, inputs))
+        angles = dict(zip(self._wheels, observation.steering_angle.tolist(), strict=False))
+        *_, (newest, _) = chain(
+            chain.from_iterable(starmap(self._odometry.take, inputs)),
+            self._odometry.steer(observation.stamp_ns, angles),
+        )
         return signals.TwistSample(newest.stamp_ns, newest.twist, newest.covariance)
 
 
 def make_estimator(configuration: experiment.ExperimentConfiguration) -> Estimator:
     """Return the source of the twist for the brake assistant of a configuration."""
     if configuration.own_odometry or configuration.feedback == "optical":
-        return LineEstimator(OdometryPort(configuration.own_odometry, configuration.odometry))
+        port = OdometryPort(configuration.own_odometry, configuration.odometry)
+        return LineEstimator(port, configuration.vehicle.wheels)
     return SensorEstimator()
 
 
@@ -135,7 +141,8 @@ def _until_over(
     # The assistant does not use this odometry; its estimate is only recorded.
     recorded: Estimator | None = None
     if configuration.simulation.render_lines and not configuration.uses_lines:
-        recorded = LineEstimator(OdometryPort("", configuration.odometry))
+        port = OdometryPort("", configuration.odometry)
+        recorded = LineEstimator(port, configuration.vehicle.wheels)
     for moment in moments:
         if recorded is not None:
             yield moment, recorded.estimate(moment.observation)

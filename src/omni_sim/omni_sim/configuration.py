@@ -2,7 +2,13 @@
 
 from collections.abc import Mapping
 
-from omni_core.configuration import Configuration, ConfigurationError, parameter, section
+from omni_core.configuration import (
+    Configuration,
+    ConfigurationError,
+    check_choice,
+    parameter,
+    section,
+)
 from omni_core.quantities import CONTROL_PERIOD, SECOND_NS
 from omni_core.sensors import FlowSensor, LineSensor
 from omni_sim.camera.camera import CameraConfiguration
@@ -105,7 +111,7 @@ class SimulatorConfiguration(Configuration):
     """Time steps and end of the simulation"""
 
     def check_consistency(self) -> None:
-        """Check line rates, exposure times and the duration of the run.
+        """Check line rates, carriers, exposure times and the duration of the run.
 
         Each camera must deliver at least two lines in every control period. The exposure of a
         camera must not be longer than its line period. The IMU must not take several readings in a
@@ -121,6 +127,7 @@ class SimulatorConfiguration(Configuration):
                     f"{sensor.line_rate:g} 1/s gives fewer than two lines per control period of "
                     f"{self.simulation.control_period:g} s",
                 )
+        self._check_carriers()
         check_exposure(self.sensors, self.camera)
         check_flow_sensors(self.flow_sensors, self.flow, self.simulation.control_period)
         if self.imu.rate * self.simulation.physics_step > 1.0:
@@ -137,3 +144,23 @@ class SimulatorConfiguration(Configuration):
                 f"{self.simulation.duration_limit:g} s is before the end of the driver's "
                 f"demands at {last:g} s; increase it",
             )
+
+    def _check_carriers(self) -> None:
+        """Check that each carrier is a steered wheel at the configured position."""
+        for name in self.flow_sensors:
+            if self.flow_sensors[name].carrier:
+                raise ConfigurationError(
+                    f"flow_sensors.{name}.carrier", "only line cameras can be on a steered carrier"
+                )
+        wheels = {name: mount for name, mount in self.vehicle.wheels.items() if mount.is_steered}
+        for name, sensor in self.sensors.items():
+            if not sensor.carrier:
+                continue
+            check_choice(f"sensors.{name}.carrier", sensor.carrier, wheels)
+            wheel = wheels[sensor.carrier]
+            if (sensor.carrier_x, sensor.carrier_y) != (wheel.x, wheel.y):
+                raise ConfigurationError(
+                    f"sensors.{name}.carrier_x",
+                    f"the steering axis is at ({sensor.carrier_x:g}, {sensor.carrier_y:g}) m, but "
+                    f"wheel {sensor.carrier} is at ({wheel.x:g}, {wheel.y:g}) m",
+                )

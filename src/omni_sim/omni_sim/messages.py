@@ -1,17 +1,18 @@
 """Messages that only the simulator publishes: true motion, IMU, flow sensors, scene markers."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import partial
 
 import numpy as np
 from geometry_msgs.msg import Point, Pose, TwistWithCovarianceStamped, Vector3, Wrench
 from nav_msgs.msg import Odometry
-from sensor_msgs.msg import Imu, MultiDOFJointState
+from sensor_msgs.msg import Imu, JointState, MultiDOFJointState
 from visualization_msgs.msg import Marker, MarkerArray
 
 from omni_core import signals
-from omni_core.description import IMU_FRAME
+from omni_core.description import IMU_FRAME, steering_joint
+from omni_core.geometry import WheelMount
 from omni_core.quantities import GRAVITY, FloatArray
 from omni_ros.messages import BASE_FRAME, WORLD_FRAME, stamped
 from omni_sim.configuration import SimulatorConfiguration
@@ -77,6 +78,26 @@ def ground_truth(observation: Observation) -> Odometry:
     return message
 
 
+def joint_angles(
+    mounts: Mapping[str, WheelMount], wheels: JointState, steering: JointState | None
+) -> JointState:
+    """Return a message with the angles of all wheels and, below them, of all steering joints.
+
+    Args:
+        mounts: wheels of the vehicle, keyed by name.
+        wheels: message on `wheel_states`, which is returned if no wheel is steered.
+        steering: message on `steering_states`, or None if no wheel is steered.
+    """
+    if steering is None:
+        return wheels
+    message = JointState(header=wheels.header, name=[*wheels.name], position=[*wheels.position])
+    for name, angle in zip(steering.name, steering.position, strict=True):
+        if mounts[name].is_steered:
+            message.name.append(steering_joint(name))
+            message.position.append(angle)
+    return message
+
+
 def wheel_forces(wheels: Sequence[str], observation: Observation) -> MultiDOFJointState:
     """Return a message with the true force of the ground on each wheel, in the axes of `odom`."""
     message = stamped(MultiDOFJointState, observation.stamp_ns, WORLD_FRAME)
@@ -108,7 +129,8 @@ def scene_markers(configuration: SimulatorConfiguration, observation: Observatio
         hub = origin + to_world @ [mount.x, mount.y]
         color = _VERMILION if observation.brake_torque[index] != 0.0 else _SKY
         size = (2.0 * mount.radius, 0.5 * mount.radius, 2.0 * mount.radius)
-        pose = (*hub, mount.radius, yaw + math.radians(mount.heading_deg))
+        heading = yaw + math.radians(mount.heading_deg) + observation.steering_angle[index]
+        pose = (*hub, mount.radius, heading)
         markers.append(marker("wheels", index, Marker.CUBE, color, size, pose))
         arrow = marker("wheel_forces", index, Marker.ARROW, _BLUE, _ARROW_SIZE)
         force = to_world @ observation.wheel_force_body[index] * _METERS_PER_NEWTON

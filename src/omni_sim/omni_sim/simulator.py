@@ -41,6 +41,8 @@ class Observation:
         twist: true twist of `base_link` in the body frame [m/s, m/s, rad/s], shape (3,).
         velocity_sensor: reading of the velocity sensor.
         imu: IMU readings since the last stamp; NaN if the vehicle has no IMU.
+        steering_angle: steering angle of each wheel, 0 if not steered [rad], shape (N,).
+        steering_rate: rate of the steering angles [rad/s], shape (N,).
         encoder_speed: wheel speeds measured by the encoders [rad/s], shape (N,).
         wheel_force_body: forces of the wheels in the body frame [N], shape (N, 2).
         line_batches: lines of each camera since the last stamp, keyed by camera name.
@@ -58,6 +60,8 @@ class Observation:
     twist: quantities.FloatArray
     velocity_sensor: signals.TwistSample
     imu: tuple[signals.ImuSample, ...]
+    steering_angle: quantities.FloatArray
+    steering_rate: quantities.FloatArray
     encoder_speed: quantities.FloatArray
     wheel_force_body: quantities.FloatArray
     line_batches: Mapping[str, signals.LineBatch]
@@ -99,6 +103,7 @@ class Simulator:
         friction = FrictionMap(ground.friction, ground.patches)
         step, start = simulation.physics_step, (self._driver.start_pose, self._driver.start_twist)
         self.vehicle = build_vehicle(vehicle, friction, step, *start, ground.elevation)
+        self._steering = self.vehicle.steering[0]  # angles at the last stamp [rad], shape (N,)
         self._sprung = vehicle.suspension.stiffness > 0.0
         tire = vehicle.tire
         self.overload = Overload(self.vehicle.wheel_names, tire.model, tire.largest_load, step)
@@ -156,6 +161,7 @@ class Simulator:
         twist = vehicle.twist
         pose = vehicle.pose
         wheels = vehicle.wheels
+        steering_angle, steering_rate = vehicle.steering
         self._measure()
         return Observation(
             stamp_ns=self._stamp_ns,
@@ -171,6 +177,8 @@ class Simulator:
                 self._taken_ns, self._reading.copy(), self._covariance.copy()
             ),
             imu=self._imu,
+            steering_angle=steering_angle,
+            steering_rate=steering_rate,
             encoder_speed=self._encoder.copy(),
             wheel_force_body=vehicle.wheel_force_body,
             line_batches=self._batches,
@@ -214,7 +222,7 @@ class Simulator:
         start_ns = self._stamp_ns
         if self.vehicle.brake_fault_onsets.any():
             self.vehicle.apply_brake_faults(start_ns * 1e-9)
-        ride = self.vehicle.ride
+        ride, self._steering = self.vehicle.ride, self.vehicle.steering[0]
         trajectory = self.vehicle.advance(
             self.configuration.simulation.steps_per_period,
             self._driver.pedal(start_ns),
@@ -270,4 +278,6 @@ class Simulator:
         if self._sprung or self.vehicle.uneven:
             for camera in lines.cameras.cameras.values():
                 camera.rise = self.vehicle.clearance(camera.sensor.x, camera.sensor.y)
-        return lines.expose(trajectory, start_ns, self._stamp_ns)
+        angles = zip(self._steering.tolist(), self.vehicle.steering[0].tolist(), strict=True)
+        steering = dict(zip(self.vehicle.wheel_names, angles, strict=True))
+        return lines.expose(trajectory, start_ns, self._stamp_ns, steering)

@@ -34,7 +34,14 @@ from omni_ros.qos import RECENT, RELIABLE, advertise, subscribe
 from omni_sim import run_control_node, run_progress
 from omni_sim.configuration import SimulatorConfiguration
 from omni_sim.driver.manual import DemandInbox, ManualDriver, ManualDriverConfiguration
-from omni_sim.messages import flow_message, ground_truth, imu_message, scene_markers, wheel_forces
+from omni_sim.messages import (
+    flow_message,
+    ground_truth,
+    imu_message,
+    joint_angles,
+    scene_markers,
+    wheel_forces,
+)
 from omni_sim.simulator import Observation, Simulator
 
 _INPUTS = 4  # number of subscribed topics at most
@@ -111,7 +118,9 @@ class SimulatorNode(Node):
             self._shared_clock = clocks.SharedClock(self, alone=self.loop.mode == "lockstep")
         cameras, flow_sensors = self.configuration.sensors, self.configuration.flow_sensors
         lines, flows = map(topics.lines, cameras), map(topics.flow, flow_sensors)
-        declared = (*topics.published_by("simulator"), topics.DIAGNOSTICS)
+        declared = [*topics.published_by("simulator"), topics.DIAGNOSTICS]
+        if not self.configuration.vehicle.is_steered:
+            declared.remove(topics.STEERING)
         own = {one: advertise(self, one) for one in (*declared, *lines, *flows)}
         infos = {one: advertise(self, one) for one in map(topics.camera_info, cameras)}
         self._advertised = own | infos
@@ -175,7 +184,9 @@ class SimulatorNode(Node):
         self._send(topics.GROUND_TRUTH, ground_truth(observation))
         if stamp_ns % _MARKER_NS < self.simulator.control_period_ns:
             # for robot_state_publisher
-            self._advertised[topics.JOINT_STATES].publish(wheels)
+            steering = plain.get(topics.STEERING)
+            joints = joint_angles(self.configuration.vehicle.wheels, wheels, steering)
+            self._advertised[topics.JOINT_STATES].publish(joints)
             self._send(topics.MARKERS, scene_markers(self.configuration, observation))
             self._send(topics.WHEEL_FORCES, wheel_forces(self._wheels, observation))
 

@@ -70,7 +70,7 @@ class Nodes:
         }
         if topics.GROUND_TRUTH.path in chosen:
             mounts = {**configuration.sensors, **configuration.flow_sensors}
-            poses = {name: (mount.x, mount.y, mount.heading) for name, mount in mounts.items()}
+            poses = {n: (m.x, m.y, m.heading) for n, m in mounts.items() if not m.carrier}
             imu = configuration.imu
             poses |= {_IMU: (imu.x, imu.y, 0.0)} if imu.enabled else {}
             parameters["transforms_from"] = topics.GROUND_TRUTH.name

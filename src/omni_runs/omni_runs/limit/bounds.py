@@ -429,6 +429,9 @@ def limit_share(
     start = history.brake_start
     if start is None or not distance > 0.0:
         return metrics.Metric(math.nan, "1", note="limit_share: there is no stopping distance")
+    if configuration.vehicle.has_conventional_wheels:
+        note = "limit_share: the bound is for vehicles on omni-wheels"
+        return metrics.Metric(math.nan, "1", note=note)
     twist = history.twist[start] * np.array([1.0, 1.0, 0.0])
     maneuver = Maneuver(history.pose[start], twist, float(np.max(history.pedal)))
     bound = straight_bound(configuration.vehicle, configuration.ground, maneuver, distance)

@@ -89,6 +89,14 @@ def _odometry(configuration: ExperimentConfiguration) -> dict[str, Callable[[Any
 
     odometry = configuration.odometry
     lines = {topics.lines(name).path: taker(name, line_batch_of) for name in odometry.sensors}
+    if odometry.is_steered:
+
+        def steer(message: Any) -> Any:
+            angles = dict(zip(message.name, message.position, strict=False))
+            stamp_ns = messages.to_nanoseconds(message.header.stamp)
+            return starmap(estimate_messages, port.steer(stamp_ns, angles))
+
+        lines[topics.STEERING.path] = steer
     return lines | {topics.flow(s).path: taker(s, messages.flow_of) for s in odometry.flow_sensors}
 
 

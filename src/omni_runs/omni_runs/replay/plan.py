@@ -46,6 +46,7 @@ def replay_plan(configuration: ExperimentConfiguration, nodes: Sequence[str]) ->
     if ODOMETRY in nodes:
         inputs += map(topics.lines, configuration.odometry.sensors)
         inputs += map(topics.flow, configuration.odometry.flow_sensors)
+        inputs += [topics.STEERING] if configuration.odometry.is_steered else []
         outputs.append(topics.TWIST)
         outputs += [topics.SIDESLIP] if configuration.odometry.sideslip else []
     if BRAKE_ASSIST in nodes:

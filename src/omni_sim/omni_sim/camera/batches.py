@@ -13,8 +13,10 @@ from functools import partial
 import numpy as np
 
 from omni_core.background import in_background
+from omni_core.geometry import turned
 from omni_core.kernels import lean
 from omni_core.quantities import SECOND_NS, FloatArray
+from omni_core.sensors import LineSensor
 from omni_core.signals import LineBatch
 from omni_sim.camera.camera import LineCameraArray
 
@@ -144,6 +146,33 @@ class LineClock:
         return stamp_ns * self.period_ns.denominator // self.period_ns.numerator + 1
 
 
+def carried_path(
+    trajectory: FloatArray, sensor: LineSensor, angles: tuple[float, float], duration: float
+) -> FloatArray:
+    """Return the trajectory of a body to which a camera on a steered carrier would be fixed.
+
+    This body turns with the carrier about the steering axis. The steering angle changes linearly.
+
+    Args:
+        trajectory: x, y, yaw of base_link [m, m, rad] and their time derivatives at uniform steps,
+            shape (n + 1, 6).
+        sensor: the camera.
+        angles: steering angles at the start and at the end [rad].
+        duration: time from start to end [s].
+    """
+    carried, yaw = trajectory.copy(), trajectory[:, 2]
+    angle = np.linspace(*angles, len(trajectory))
+    rate = (angles[1] - angles[0]) / duration
+    carried[:, 2] += angle
+    carried[:, 5] += rate
+    axis = np.tile((sensor.carrier_x, sensor.carrier_y), (len(yaw), 1))
+    before, after = turned(axis, yaw), turned(axis, yaw + angle)
+    carried[:, :2] += before - after  # the steering axis keeps its place
+    left = np.array([-1.0, 1.0])
+    carried[:, 3:5] += left * (before * trajectory[:, 5:] - after * carried[:, 5:])[:, ::-1]
+    return carried
+
+
 _Exposure = tuple[int, FloatArray, FloatArray | None]
 """Stamp of the newest line [ns]; poses of all lines; velocities of all lines, None for no blur."""
 
@@ -178,7 +207,13 @@ class LineExposures:
         for name in self._batches:
             self._batches[name]
 
-    def expose(self, trajectory: FloatArray, start_ns: int, end_ns: int) -> Mapping[str, LineBatch]:
+    def expose(
+        self,
+        trajectory: FloatArray,
+        start_ns: int,
+        end_ns: int,
+        steering: Mapping[str, tuple[float, float]] | None = None,
+    ) -> Mapping[str, LineBatch]:
         """Return the lines that each camera exposes between a start time and an end time.
 
         Call `complete` first. The lines are rendered in the background or when they are read.
@@ -188,20 +223,34 @@ class LineExposures:
             start_ns: start time, that of the trajectory's first row, not included [ns]; -1 to
                 include the line at time 0.
             end_ns: end time, that of the trajectory's last row, included [ns].
+            steering: steering angle of each carrier at both times [rad], keyed by wheel.
         """
         taken: dict[float, _Exposure] = {}
-        for rate, clock in self._clocks.items():
-            first, last = clock.lines_in(start_ns, end_ns)
-            times = clock.times_ns(first, last)
-            along = (trajectory, max(start_ns, 0), self._step_ns, times)
-            poses, velocities = interpolate_poses(*along), None
-            if self._blurred:
-                velocities = interpolate_velocities(*along)
-            taken[rate] = clock.stamp_ns(last - 1), poses, velocities
-        cameras = self.cameras.cameras.items()
-        exposures = {name: taken[camera.sensor.line_rate] for name, camera in cameras}
+        exposures = {}
+        for name, camera in self.cameras.cameras.items():
+            sensor = camera.sensor
+            if steering and sensor.carrier:
+                duration = 1e-9 * self._step_ns * max(len(trajectory) - 1, 1)
+                path = carried_path(trajectory, sensor, steering[sensor.carrier], duration)
+                exposures[name] = self._exposure(sensor.line_rate, path, start_ns, end_ns)
+                continue
+            if sensor.line_rate not in taken:
+                taken[sensor.line_rate] = self._exposure(
+                    sensor.line_rate, trajectory, start_ns, end_ns
+                )
+            exposures[name] = taken[sensor.line_rate]
         self._batches = _Batches(exposures, self.cameras)
         return self._batches
+
+    def _exposure(
+        self, rate: float, trajectory: FloatArray, start_ns: int, end_ns: int
+    ) -> _Exposure:
+        """Return the exposure of all lines at a line rate [1/s]; see `expose`."""
+        clock = self._clocks[rate]
+        first, last = clock.lines_in(start_ns, end_ns)
+        along = (trajectory, max(start_ns, 0), self._step_ns, clock.times_ns(first, last))
+        velocities = interpolate_velocities(*along) if self._blurred else None
+        return clock.stamp_ns(last - 1), interpolate_poses(*along), velocities
 
 
 class _Batches(Mapping[str, LineBatch]):

@@ -128,6 +128,11 @@ class VehicleConfiguration(Configuration):
         return any(mount.kind == "conventional" for mount in self.wheels.values())
 
     @property
+    def is_steered(self) -> bool:
+        """Whether at least one wheel is steered."""
+        return any(mount.is_steered for mount in self.wheels.values())
+
+    @property
     def contacts_move(self) -> bool:
         """Whether the contact points move along the rollers."""
         return self.wheel_model == "rollers" or self.contact == "roller"

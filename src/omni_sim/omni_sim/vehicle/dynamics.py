@@ -32,6 +32,7 @@ from omni_sim.vehicle.conventional_dynamics import squared_bends, step_conventio
 from omni_sim.vehicle.loads import wheel_loads
 from omni_sim.vehicle.roller_dynamics import displace_contacts, roller_energies, step_roller_wheel
 from omni_sim.vehicle.state import Energies, Step
+from omni_sim.vehicle.steering import driven_speed, steer
 from omni_sim.vehicle.suspension import sprung_loads
 from omni_sim.vehicle.uneven_ground import frame_turn, level, stand
 from omni_sim.wheel.brake_pressure import press, set_demand
@@ -125,7 +126,8 @@ def advance(
         if control.in_world:
             drive_x, drive_y = in_turned_frame(drive_x, drive_y, yaw - start_yaw)
         place = (body.x + 0.5 * dt * body.v_x, body.y + 0.5 * dt * body.v_y)
-        tilt, drive = (body.tilt_x, body.tilt_y), (drive_x, drive_y, control.twist[2])
+        tilt, command = (body.tilt_x, body.tilt_y), (drive_x, drive_y, control.twist[2])
+        drive = _steered(state, state.treads, command, control.drive_stiffness > 0.0)
         step = Step(place, (cos, sin), tilt, ahead, drive, control.drive_stiffness)
         press(state.pressure)
         if lossy:
@@ -140,6 +142,23 @@ def advance(
         move(plant, body, (cos, sin), (pull[0], pull[1], pull[2] + lean), other)
         if traced:
             _write_pose(plant, body, trajectory[k + 1])
+
+
+@lean_inline
+def _steered(
+    state: layout.State, treads: layout.Treads | None, command: Triple, follows: bool
+) -> Triple:
+    """Turn the steered wheels, if there are any, by one step; return the twist of the drives.
+
+    Args:
+        state: state of the vehicle, changed in place.
+        treads: treads of the state, or None; the kernel is compiled for both cases.
+        command: commanded twist in the body frame [m/s, m/s, rad/s].
+        follows: whether the drives are engaged, so that the wheels follow the command.
+    """
+    if treads is None:
+        return command
+    return steer(treads, state.contacts, command, follows, state.plant.dt)
 
 
 @lean_inline
@@ -375,6 +394,8 @@ def _step_wheels(
             + plant.rolling[i, 1] * step.drive[1]
             + plant.rolling[i, 2] * step.drive[2]
         )
+        if treads is not None:
+            speed = driven_speed(treads, i, speed)
         drive = Drive(step.drive_stiffness, speed, plant.drive_limit)
         torque = plant.brake_share[i] * brake[i]
         ramped = plant.ramp[i] > 0.0 and step.drive_stiffness <= 0.0

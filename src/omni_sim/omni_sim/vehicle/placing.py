@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from omni_core.quantities import GRAVITY, FloatArray
-from omni_sim.vehicle import dynamics, roller_dynamics, suspension, uneven_ground
+from omni_sim.vehicle import dynamics, roller_dynamics, steering, suspension, uneven_ground
 from omni_sim.vehicle.loads import MassProperties
 from omni_sim.vehicle.plant import static_loads
 from omni_sim.vehicle.state import ROLLER, State
@@ -19,6 +19,9 @@ def place(
 ) -> None:
     """Place a vehicle with wheels and rollers that roll without slip at the given twist.
 
+    Steered wheels have the steering angles of this twist, whose lateral velocity is replaced as in
+    `steering`.
+
     Args:
         state: state of the vehicle, changed in place.
         masses: masses of the vehicle.
@@ -27,7 +30,13 @@ def place(
         angle: angle of the wheels [rad], shape (N,).
     """
     x, y, yaw = pose
-    g = masses.center
+    g, treads = masses.center, state.treads
+    state.contacts[:] = state.plant.contact
+    if treads is not None:
+        for name in ("angle", "target"):
+            treads.steering[name] = 0.0
+        command = float(twist[0]), float(twist[1]), float(twist[2])
+        twist = np.array(steering.steer(treads, state.contacts, command, True, math.inf))
     v = twist[:2] + twist[2] * np.array([-g[1], g[0]])
     cos, sin = math.cos(yaw), math.sin(yaw)
     plant, body, wheels = state.plant, state.body[0], state.wheels
@@ -42,6 +51,9 @@ def place(
     body["yaw_rate"] = twist[2]
     brake_pressure.release(state.pressure)
     wheels["speed"] = plant.rolling @ twist
+    if treads is not None:
+        steered = treads.steering["limit"] > 0.0
+        wheels["speed"][steered] = treads.steering["speed"][steered]
     pressing = math.sqrt(1.0 - (body["tilt_x"] ** 2 + body["tilt_y"] ** 2))
     wheels["load"] = pressing * static_loads(plant)
     wheels["angle"] = angle
@@ -52,10 +64,10 @@ def place(
     if plant.roller_pitch > 0.0:
         wheels["speed"] = _rolling_speed(state, v, twist[2])
     wheels["last_speed"] = wheels["command"] = wheels["speed"]
-    if state.treads is not None:
-        state.treads.push[:] = 0.0
-        state.treads.state[:] = np.zeros((), ROLLER)
-        state.treads.state["q_a"] = 1.0
+    if treads is not None:
+        treads.push[:] = 0.0
+        treads.state[:] = np.zeros((), ROLLER)
+        treads.state["q_a"] = 1.0
     _place_rollers(state)
 
 

@@ -12,6 +12,7 @@ from omni_sim.tire.combined_slip import passive_parameters
 from omni_sim.vehicle import state
 from omni_sim.vehicle.configuration import VehicleConfiguration
 from omni_sim.vehicle.loads import load_plane, support_polygon, wheel_loads
+from omni_sim.vehicle.steering import build_steering
 from omni_sim.wheel.roller_geometry import AXIS
 
 
@@ -127,21 +128,26 @@ def build_rollers(configuration: VehicleConfiguration) -> state.Rollers | None:
     )
 
 
-def build_treads(configuration: VehicleConfiguration) -> state.Treads | None:
+def build_treads(configuration: VehicleConfiguration, plant: state.Plant) -> state.Treads | None:
     """Return the contacts of a vehicle with conventional wheels; None for other vehicles.
 
     Args:
         configuration: configuration of the vehicle.
+        plant: plant from `build_plant`.
     """
-    conventional = PlatformKinematics.of(configuration.wheels).geometry.conventional
+    geometry = PlatformKinematics.of(configuration.wheels).geometry
+    conventional = geometry.conventional
     if not conventional.any():
         return None
-    n = len(conventional)
+    n, radius = len(conventional), geometry.radius - static_loads(plant) / plant.vertical_stiffness
+    steering, lateral = build_steering(configuration.wheels, geometry, radius)
     return state.Treads(
         conventional=conventional,
         tire_y=passive_parameters(configuration.tire),
         state=np.zeros(n, state.ROLLER),
         push=np.zeros((n, 3)),
+        steering=steering,
+        lateral=lateral,
     )
 
 

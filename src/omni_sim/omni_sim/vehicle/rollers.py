@@ -15,7 +15,7 @@ import dataclasses
 import math
 from collections.abc import Mapping, Sequence
 from functools import lru_cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -133,12 +133,10 @@ def _singular_value_in_radians(wheels: Mapping[str, WheelMount], fields: Sequenc
         largest = max(abs(getattr(mount, field)) for mount in wheels.values())
         if not 0.0 < largest <= _LARGEST_RADIANS[field]:
             return 0.0
-    in_degrees = {
-        name: dataclasses.replace(
-            mount, **{field: math.degrees(getattr(mount, field)) for field in fields}
-        )
-        for name, mount in wheels.items()
-    }
+    in_degrees = {}
+    for name, mount in wheels.items():
+        changes: dict[str, Any] = {f: math.degrees(getattr(mount, f)) for f in fields}
+        in_degrees[name] = dataclasses.replace(mount, **changes)
     try:
         return Rollers.of(in_degrees).smallest_singular_value
     except ConfigurationError:

@@ -94,6 +94,22 @@ ROLLER = _floats(
     sliding    whether the contact patch slides
 """
 
+STEERING = _floats(
+    *("angle", "rate", "target", "speed", "limit", "fastest", "heading", "x", "y", "radius")
+)
+"""Steering of a wheel.
+
+    angle     steering angle, counter-clockwise from the wheel's heading [rad]
+    rate      rate of the steering angle in the last step [rad/s]
+    target    steering angle toward which the wheel turns [rad]
+    speed     wheel speed with which the wheel follows the command at this angle [rad/s]
+    limit     limit on the steering angle [rad]; 0 if the wheel is not steered
+    fastest   limit on its rate [rad/s]
+    heading   rolling direction at a steering angle of 0, in the body frame [rad]
+    x, y      position of the wheel in the body frame [m]
+    radius    rolling radius under the static load [m]
+"""
+
 CHASSIS = _floats("heave", "forward", "left", "heave_rate", "forward_rate", "left_rate")
 """State of a sprung chassis relative to the vehicle's plane.
 
@@ -232,12 +248,17 @@ class Treads(NamedTuple):
             are along the active direction and ``_p`` along the wheel's axis, shape (N,).
         push: force [N] and moment about the center of gravity [N m] of each wheel in the last step,
             body frame, shape (N, 3).
+        steering: steering of the wheels, records of `STEERING`, shape (N,).
+        lateral: lateral velocity that the drives follow, per unit of the commanded twist
+            [1, 1, m]; see `steering`.
     """
 
     conventional: BoolArray
     tire_y: Any
     state: Structured
     push: FloatArray
+    steering: Structured
+    lateral: Triple
 
 
 class Suspension(NamedTuple):
@@ -276,8 +297,8 @@ class State(NamedTuple):
         losses: losses along the passive directions.
         suspension: suspension of the chassis.
         body: a record of `BODY`, shape (1,).
-        contacts: records of `CONTACT` in the last step, shape (N,); they change only if
-            `Plant.roller_pitch` is not 0 and the wheels have no individual rollers.
+        contacts: records of `CONTACT` in the last step, shape (N,); they change only if wheels are
+            steered, or if `Plant.roller_pitch` is not 0 and the wheels have no individual rollers.
         rollers: individual rollers, or None; the kernels are compiled for both cases.
         treads: contacts of the wheels of a vehicle with conventional wheels, or None; the kernels
             are compiled for both cases.

@@ -123,7 +123,7 @@ class Vehicle:
             body=np.zeros(1, layout.BODY),
             contacts=plant.contact.copy(),
             rollers=build_rollers(configuration),
-            treads=build_treads(configuration),
+            treads=build_treads(configuration, plant),
             wheels=np.zeros(n, layout.WHEEL),
             counters=np.zeros(1, layout.COUNTERS),
             pressure=build_brake_pressure(*lag, n, self.physics_step, *valves),
@@ -310,6 +310,14 @@ class Vehicle:
         state = np.array(list(self.state.suspension.chassis[0]))
         state[:3] -= self._rest
         return state
+
+    @property
+    def steering(self) -> quantities.FloatArray:
+        """Angle [rad] and rate [rad/s] of each wheel's steering, 0 if not steered, (2, N)."""
+        if self.state.treads is None:
+            return np.zeros((2, len(self.state.wheels)))
+        steering = self.state.treads.steering
+        return np.array((steering["angle"], steering["rate"]))
 
     def clearance(self, x: float, y: float) -> float:
         """Return the ground clearance of a point minus its clearance at rest on flat ground [m].

@@ -46,12 +46,12 @@ def test_pushed_cart_rolls_ahead_as_in_figure_23(
     radius = 0.2 - load / cart.tire.vertical_stiffness
     inertia = cart.masses.mass + 4.0 * cart.wheel_inertia / radius**2
     forward, left, turn = vehicle.twist
-    assert forward == pytest.approx(size * math.cos(angle) / inertia * 3.0, rel=0.005)
+    assert forward == pytest.approx(size * math.cos(angle) / inertia * 3.0, rel=1e-4)
     lateral = TMeasyParameters(direction_coefficients(cart.tire.tmeasy, "y"))
     stiffness = 4.0 * curve_at(lateral, load, 1.0).slope
-    # The curve bends by a few percent before this slip.
-    assert left / forward == pytest.approx(size * math.sin(angle) / stiffness, rel=0.15)
-    assert abs(turn) < 1e-6
+    # The curve bends by two percent before this slip.
+    assert left / forward == pytest.approx(size * math.sin(angle) / stiffness, rel=0.03)
+    assert abs(turn) < 1e-5
 
 
 def test_locked_wheels_brake_against_the_velocity(cart: VehicleConfiguration) -> None:

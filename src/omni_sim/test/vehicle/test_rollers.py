@@ -16,7 +16,11 @@ from omni_core.geometry import WheelMount
 from omni_sim.vehicle.rollers import Rollers, roller_remarks
 
 CONFIG = Path(__file__).parents[4] / "config"
-FILES = sorted([*CONFIG.glob("vehicles/*.yaml"), *CONFIG.glob("hardware/*.yaml")])
+FILES = [
+    path
+    for path in sorted([*CONFIG.glob("vehicles/*.yaml"), *CONFIG.glob("hardware/*.yaml")])
+    if "kind: conventional" not in path.read_text(encoding="utf-8")
+]
 
 
 def wheels_of(path: Path) -> dict[str, WheelMount]:

@@ -56,18 +56,15 @@ def on_wheels(vehicle: VehicleConfiguration, kind: str) -> VehicleConfiguration:
         vehicle: a vehicle on Mecanum wheels with headings of 0.
         kind: a key of `KINDS`.
     """
-    changed = {
-        "conventional": lambda mount: WheelMount(
-            kind="conventional", x=mount.x, y=mount.y, radius=mount.radius
-        ),
-        "mecanum": lambda mount: mount,
-        "omni": lambda mount: dataclasses.replace(
-            mount, heading_deg=mount.roller_angle_deg, roller_angle_deg=0.0
-        ),
-    }[kind]
-    return dataclasses.replace(
-        vehicle, wheels={name: changed(mount) for name, mount in vehicle.wheels.items()}
-    )
+    wheels = dict(vehicle.wheels)
+    for name, mount in vehicle.wheels.items():
+        if kind == "conventional":
+            wheels[name] = WheelMount(kind=kind, x=mount.x, y=mount.y, radius=mount.radius)
+        elif kind == "omni":
+            wheels[name] = dataclasses.replace(
+                mount, heading_deg=mount.roller_angle_deg, roller_angle_deg=0.0
+            )
+    return dataclasses.replace(vehicle, wheels=wheels)
 
 
 def pushed(vehicle: VehicleConfiguration) -> Trial:

@@ -1,0 +1,232 @@
+"""Line cameras on vehicles with steered wheels (Figure 70): sideslip, steered carriers, skids.
+
+A forklift with steered rear wheels changes lanes, and brakes on a slippery curve. In the lane
+change, a camera on the carrier of a steered wheel measures the sideslip angle of this wheel; the
+meter receives the true velocity of the wheel along its rolling direction, and the true rotation
+rate of the carrier. Four arrangements of cameras measure the twist: two cameras that are fixed next
+to the steered wheels (Ackermann drive), two on the carriers of these wheels, both with the
+constraint of the unsteered axle, three cameras on carriers without it, and two cameras next to the
+fixed wheels of a differential drive, a forklift with omni-wheels at the rear. On the slippery
+curve, all wheels lock and the axle slides sideways, so the constraint is wrong.
+"""
+
+import dataclasses
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from linescan_odometry.configuration import OdometryConfiguration, SideslipWheel
+from linescan_odometry.port import OdometryPort
+from linescan_odometry.sideslip import SideslipConfiguration, SideslipMeter, sideslip_angle
+from linescan_odometry.twist.least_squares import UNSTEERED_AXLE, KinematicsConfiguration
+from omni_core.configuration import Configuration, parameter
+from omni_core.geometry import WheelMount
+from omni_core.quantities import FloatArray
+from omni_core.sensors import LineSensor, velocity_row
+from omni_runs.experiment import ExperimentConfiguration
+from omni_runs.metrics import Metric
+from omni_sim.simulator import Observation, Simulator
+from omni_studies.study import StudyResult, StudyRun
+
+_REAR, _FRONT, _SIDE = -0.65, 0.65, 0.5  # positions of the wheels [m]
+_WHEELS = ("rear_left", "front_left", "front_right", "rear_right")
+_WHEEL = "rear_left"
+_CAMERAS = {
+    "fixed_left": LineSensor(x=_REAR, y=0.35, heading_deg=0.0),
+    "fixed_right": LineSensor(x=_REAR, y=-0.35, heading_deg=0.0),
+    "axle_left": LineSensor(x=_FRONT, y=0.35, heading_deg=0.0),
+    "axle_right": LineSensor(x=_FRONT, y=-0.35, heading_deg=0.0),
+}
+_ON_CARRIERS = {
+    "carried_left": ("rear_left", 0.35, 0.0),
+    "carried_right": ("rear_right", -0.35, 0.0),
+    "sideways": (_WHEEL, 0.35, 90.0),
+}
+"""Wheel, position to the left [m] and heading [deg] of the cameras on carriers."""
+_ARRANGEMENTS = {
+    "ackermann": ("fixed_left", "fixed_right"),
+    "carriers": ("carried_left", "carried_right"),
+    "three_on_carriers": ("carried_left", "carried_right", "sideways"),
+    "differential": ("axle_left", "axle_right"),
+}
+_LANE_CHANGE = (
+    "maneuver.demands.time=[0, 0.3, 0.7, 1.1, 1.5, 1.9, 2.2]",
+    "maneuver.demands.forward=[6, 6, 6, 6, 6, 6, 6]",
+    "maneuver.demands.left=[0, 0, 0, 0, 0, 0, 0]",
+    "maneuver.demands.turn=[0, 0, 0.5, 0, -0.5, 0, 0]",
+    "maneuver.demands.pedal=[0, 0, 0, 0, 0, 0, 0]",
+)
+_SKID = (
+    "ground.friction=0.4",
+    "maneuver.demands.time=[0, 0.4, 1.0, 1.01, 1.8]",
+    "maneuver.demands.forward=[6, 6, 6, 0, 0]",
+    "maneuver.demands.left=[0, 0, 0, 0, 0]",
+    "maneuver.demands.turn=[0, 0, 0.4, 0, 0]",
+    "maneuver.demands.pedal=[0, 0, 0, 1, 1]",
+)
+
+
+class Options(Configuration):
+    """Options of the study ``steered_cameras``: ground and seed."""
+
+    ground: str = parameter("asphalt")
+    """ground: a file of config/grounds/"""
+    seed: int = parameter(1, minimum=0)
+    """seed of the camera noise"""
+
+
+class Batch(NamedTuple):
+    """Measurements in one control period, and the true motion in the middle of it.
+
+    Attributes:
+        observation: observation at the end of the period.
+        twist: true twist [m/s, m/s, rad/s], shape (3,).
+        angle: true steering angle of each wheel [rad], shape (N,).
+        rate: true rate of these angles [rad/s], shape (N,).
+    """
+
+    observation: Observation
+    twist: FloatArray
+    angle: FloatArray
+    rate: FloatArray
+
+
+def run(options: Options, study: StudyRun) -> StudyResult:
+    """Drive both maneuvers on both vehicles; report the errors."""
+    metrics: dict[str, Metric] = {}
+    for name, maneuver in {"lane_change": _LANE_CHANGE, "skid": _SKID}.items():
+        given = [f"ground={options.ground}", f"seed={options.seed}", *maneuver]
+        steered = study.experiments.load("steered_forklift", "unassisted", given)
+        for arrangements, configuration in (
+            (("ackermann", "carriers", "three_on_carriers"), _with_cameras(steered)),
+            (("differential",), _with_cameras(_differential(steered))),
+        ):
+            batches = tuple(_drive(configuration))
+            for arrangement in arrangements:
+                cameras = {one: configuration.sensors[one] for one in _ARRANGEMENTS[arrangement]}
+                metrics |= _twist_errors(f"{arrangement}_{name}", cameras, batches)
+            if name == "lane_change" and "ackermann" in arrangements:
+                metrics |= _sideslip_errors(configuration.sensors["sideways"], batches)
+    return study.result(metrics)
+
+
+def _differential(steered: ExperimentConfiguration) -> ExperimentConfiguration:
+    """Return the experiment with omni-wheels, which roll freely sideways, at the rear."""
+    wheels = {
+        name: WheelMount(x=mount.x, y=mount.y, radius=mount.radius, roller_angle_deg=0.0)
+        if mount.is_steered
+        else mount
+        for name, mount in steered.vehicle.wheels.items()
+    }
+    vehicle = dataclasses.replace(steered.vehicle, wheels=wheels)
+    assistant = dataclasses.replace(steered.brake_assist, wheels=wheels)
+    return dataclasses.replace(steered, vehicle=vehicle, brake_assist=assistant)
+
+
+def _cameras(wheels: Mapping[str, WheelMount]) -> dict[str, LineSensor]:
+    """Return the cameras of a vehicle; only steered wheels have carriers."""
+    carried = {
+        name: LineSensor(
+            x=wheels[wheel].x,
+            y=y,
+            heading_deg=heading,
+            carrier=wheel,
+            carrier_x=wheels[wheel].x,
+            carrier_y=wheels[wheel].y,
+        )
+        for name, (wheel, y, heading) in _ON_CARRIERS.items()
+        if wheels[wheel].is_steered
+    }
+    return {**_CAMERAS, **carried}
+
+
+def _with_cameras(configuration: ExperimentConfiguration) -> ExperimentConfiguration:
+    sensors = _cameras(configuration.vehicle.wheels)
+    axle = KinematicsConfiguration(constraint=UNSTEERED_AXLE, axle_x=_FRONT)
+    odometry = dataclasses.replace(configuration.odometry, sensors=sensors, kinematics=axle)
+    return dataclasses.replace(configuration, sensors=sensors, odometry=odometry)
+
+
+def _drive(configuration: ExperimentConfiguration) -> Iterator[Batch]:
+    """Yield the batches of a drive that ends with the driver's demands."""
+    simulator = Simulator(configuration)
+    enable = np.ones(len(configuration.vehicle.wheels))
+    before = simulator.observe()
+    while before.stamp_ns < configuration.maneuver.earliest_end * 1e9:
+        simulator.advance(enable)
+        after = simulator.observe()
+        angles = before.steering_angle, after.steering_angle
+        rate = (angles[1] - angles[0]) / configuration.simulation.control_period
+        twist = 0.5 * (before.twist + after.twist)
+        # The lines are rendered before the next step.
+        lines = {name: after.line_batches[name] for name in after.line_batches}
+        seen = dataclasses.replace(after, line_batches=lines)
+        yield Batch(seen, twist, 0.5 * (angles[0] + angles[1]), rate)
+        before = after
+
+
+def _twist_errors(
+    case: str, sensors: Mapping[str, LineSensor], batches: Sequence[Batch]
+) -> dict[str, Metric]:
+    """Return the RMS errors of the twist that the cameras of an arrangement measure.
+
+    Args:
+        case: name of the case.
+        sensors: cameras of the arrangement.
+        batches: batches of a drive.
+    """
+    axle = KinematicsConfiguration(constraint=UNSTEERED_AXLE, axle_x=_FRONT)
+    port = OdometryPort("", OdometryConfiguration(sensors=sensors, kinematics=axle))
+    errors, slid, skids = [], [], 0
+    for batch in batches:
+        angles = dict(zip(_WHEELS, batch.observation.steering_angle.tolist(), strict=True))
+        estimates = [*port.steer(batch.observation.stamp_ns, angles)]
+        for name in sensors:
+            estimates += port.take(name, batch.observation.line_batches[name])
+        for estimate, _ in estimates:
+            if estimate.measured:
+                errors.append(estimate.twist - batch.twist)
+                slid.append(batch.twist[1] + _FRONT * batch.twist[2])
+                skids += bool(estimate.skid)
+    rms = np.sqrt(np.mean(np.square(errors), axis=0))
+    return {
+        f"forward_error.{case}": Metric(float(rms[0]), "m/s"),
+        f"sideways_error.{case}": Metric(float(rms[1]), "m/s"),
+        f"yaw_rate_error.{case}": Metric(float(rms[2]), "rad/s"),
+        f"axle_slip.{case}": Metric(float(np.sqrt(np.mean(np.square(slid)))), "m/s"),
+        f"reported_skids.{case}": Metric(skids / len(errors), "1"),
+        f"measured_share.{case}": Metric(len(errors) / len(batches), "1"),
+    }
+
+
+def _sideslip_errors(camera: LineSensor, batches: Sequence[Batch]) -> dict[str, Metric]:
+    """Return errors and largest value of the sideslip angle of the steered wheel [deg].
+
+    Args:
+        camera: camera on the carrier of the wheel.
+        batches: batches of a drive.
+    """
+    wheel = SideslipWheel(sensor="sideways", x=_REAR, y=_SIDE)
+    meter = SideslipMeter(
+        SideslipConfiguration(sensors={"sideways": camera}, sideslip={_WHEEL: wheel}), _WHEEL
+    )
+    errors, truths = [], []
+    for batch in batches:
+        angle, rate = float(batch.angle[0]), float(batch.rate[0])
+        forward, left = (
+            float(np.array(velocity_row(_REAR, _SIDE, angle + turn)) @ batch.twist)
+            for turn in (0.0, 0.5 * math.pi)
+        )
+        lines = batch.observation.line_batches["sideways"]
+        estimate = meter.update(lines, forward, float(batch.twist[2]) + rate)
+        if estimate.measured:
+            truths.append(math.degrees(sideslip_angle(left, forward)))
+            errors.append(math.degrees(estimate.angle) - truths[-1])
+    return {
+        "sideslip_error.lane_change": Metric(float(np.sqrt(np.mean(np.square(errors)))), "deg"),
+        "largest_sideslip_error.lane_change": Metric(float(np.max(np.abs(errors))), "deg"),
+        "largest_sideslip.lane_change": Metric(float(np.max(np.abs(truths))), "deg"),
+        "measured_share.sideslip": Metric(len(errors) / len(batches), "1"),
+    }
