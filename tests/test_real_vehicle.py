@@ -95,7 +95,7 @@ def parameters(tmp_path_factory: pytest.TempPathFactory) -> Path:
     finished = omni_here([*words[:-1], str(folder)])
     assert finished.returncode == 0, finished.stderr
     written = ["brake_assist.yaml", "log_only.yaml", "recorder.yaml", "robot.urdf"]
-    written += ["robot_state_publisher.yaml"]
+    written += ["robot_state_publisher.yaml", "mecanum_drive_controller.yaml"]
     assert {str(folder / name) for name in written} == set(finished.stdout.splitlines())
     return folder
 
