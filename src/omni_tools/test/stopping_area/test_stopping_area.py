@@ -107,6 +107,14 @@ def test_the_footprint_contains_the_wheels_beside_the_chassis(width: float) -> N
     assert outer == pytest.approx(wheel.y + 0.5 * (width or 0.4 * 2.0 * wheel.radius))
 
 
+def test_the_footprint_has_the_offset_of_the_chassis() -> None:
+    vehicle = _experiment("vehicle.chassis_x=-0.5", "vehicle.chassis_y=0.25").vehicle
+    corners = footprint(vehicle)[:4]
+    size = np.array([vehicle.chassis_length, vehicle.chassis_width])
+    np.testing.assert_allclose(corners.max(axis=0), [-0.5, 0.25] + size / 2)
+    np.testing.assert_allclose(corners.min(axis=0), [-0.5, 0.25] - size / 2)
+
+
 def _parameters(bands: int) -> tuple[str, list[dict[str, Any]]]:
     """Return the text of the monitor's file, and its polygons in their order."""
     options = AreaOptions(bands=bands)
