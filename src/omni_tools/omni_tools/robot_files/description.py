@@ -59,7 +59,7 @@ class Described:
         center: center of gravity in base_link, with its height above the ground [m], shape (3,).
         yaw_inertia: moment of inertia about the vertical through the center of gravity [kg m^2].
         wheel_inertia: mean moment of inertia of a wheel about its axis [kg m^2].
-        imu: position of the IMU in base_link [m], shape (2,).
+        imu: pose of the IMU in base_link, shape (4, 4).
         cameras: position [m] and heading [deg] of cameras that look at the ground, by name.
         sources: where a value comes from, keyed by key of the vehicle's file.
         contradictions: sentences on values that differ between the files.
@@ -91,16 +91,22 @@ class Described:
         values: dict[str, Any] = {"kind": self.kind, "wheels": len(self.wheels)}
         values |= {"mass": self.mass} if self.mass else {}
         values |= {"wheel_radius": max(radii)} if radii else {}
-        reach = self.chassis
-        if reach is None:
-            places = np.array([(wheel["x"], wheel["y"]) for wheel in self.wheels.values()])
-            around = max(radii, default=0.0)
-            reach = np.array([places.min(axis=0) - around, places.max(axis=0) + around])
-            note = "estimate: as large as the wheels require"
-            self.sources |= {"chassis_length": note, "chassis_width": note}
-        # The chassis of a vehicle's file is centered at base_link.
-        length, width = 2.0 * np.max(np.abs(reach), axis=0)
+        length, width = np.ptp(self._extent, axis=0)
         return {**values, "length": rounded(length), "width": rounded(width)}
+
+    @property
+    def chassis_center(self) -> FloatArray:
+        """Center of the chassis in base_link [m], shape (2,)."""
+        return np.asarray(self._extent.mean(axis=0))
+
+    @property
+    def _extent(self) -> FloatArray:
+        """Extent of the chassis, or of the wheels if it is unknown [m], shape (2, 2)."""
+        if self.chassis is not None:
+            return self.chassis
+        around = max((wheel.get("radius", 0.0) for wheel in self.wheels.values()), default=0.0)
+        places = np.array([(wheel["x"], wheel["y"]) for wheel in self.wheels.values()])
+        return np.array([places.min(axis=0) - around, places.max(axis=0) + around])
 
     def differ(self, what: str, values: Mapping[str, float], used: str, remedy: str) -> None:
         """List values of a length [m], keyed by source, if they differ from the used one."""
@@ -518,6 +524,9 @@ def _measure_chassis(
                 source = f"{of} shapes of {robot.file}"
                 found.sources |= {"chassis_length": source, "chassis_width": source}
                 break
+    if found.chassis is None:
+        source = "estimate: around the wheels"
+        found.sources |= {"chassis_length": source, "chassis_width": source}
     if found.chassis is None or meshes:
         what = f"the meshes of {_some(meshes)}" if meshes else "the chassis"
         found.questions.append(
@@ -530,14 +539,9 @@ def _find_sensors(found: Described, robot: Robot, base: str) -> None:
     imus = [name for name in robot.links if _IMU.search(name)]
     if imus:
         poses = [robot.pose(name, base) for name in imus]
-        found.imu = poses[0][:2, 3]
-        if max(math.dist(pose[:2, 3], found.imu) for pose in poses) > 1e-3:
+        found.imu = poses[0]
+        if max(math.dist(pose[:2, 3], poses[0][:2, 3]) for pose in poses) > 1e-3:
             found.contradictions.append(f"IMU: {', '.join(imus)}; used: {imus[0]}")
-        if np.max(np.abs(poses[0][:3, :3] - np.eye(3))) > math.sin(math.radians(1.0)):
-            found.questions.append(
-                f"{imus[0]} is turned against {base}: does the driver of the IMU publish in the "
-                f"axes of {base}, which the topic imu needs?"
-            )
     else:
         found.questions.append("no link is an IMU: is there one, and where? (imu_x, imu_y)")
     ahead = []

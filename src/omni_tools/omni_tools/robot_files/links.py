@@ -19,6 +19,7 @@ import numpy as np
 from omni_core.configuration import ConfigurationError
 from omni_core.quantities import FloatArray
 
+_UPRIGHT = 1e-6  # cosine of a pitch that is 90 deg [1]
 _SHAPES = {"box": ("size",), "cylinder": ("radius", "length"), "sphere": ("radius",)}
 
 
@@ -293,3 +294,20 @@ class Robot:
         if not all(map(math.isfinite, values)):
             raise self._wrong(f"has {text!r} in {key} of the {place}, which are not numbers")
         return values
+
+
+def roll_pitch_yaw(pose: FloatArray) -> tuple[float, float, float]:
+    """Return roll, pitch and yaw of a pose, as ``rpy`` of a joint but in deg.
+
+    Args:
+        pose: matrix of shape (4, 4).
+    """
+    pitch = math.atan2(-pose[2, 0], math.hypot(pose[0, 0], pose[1, 0]))
+    if math.cos(pitch) > _UPRIGHT:
+        roll = math.atan2(pose[2, 1], pose[2, 2])
+        yaw = math.atan2(pose[1, 0], pose[0, 0])
+    else:  # roll and yaw turn about the same axis
+        roll, yaw = 0.0, math.atan2(-pose[0, 1], pose[1, 1])
+    angles = (math.degrees(angle) for angle in (roll, pitch, yaw))
+    first, second, third = (round(angle, 4) + 0.0 for angle in angles)
+    return first, second, third

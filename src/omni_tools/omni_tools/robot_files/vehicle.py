@@ -8,10 +8,11 @@ from typing import Any
 from omni_core.configuration import ConfigurationError
 from omni_tools.robot_files.controllers import Controller, read_controllers
 from omni_tools.robot_files.description import Described, describe, rounded
-from omni_tools.robot_files.links import Robot
+from omni_tools.robot_files.links import Robot, roll_pitch_yaw
 from omni_tools.robot_files.xacro_files import read_description
 from omni_tools.vehicles.estimates import KnownValues, Measured
 
+_ROUNDING = 1e-4  # offset of the chassis that is not written [m]
 _WIDTH = 110  # characters of a line of comment
 _PARAMETERS = (".yaml", ".yml")
 
@@ -83,14 +84,21 @@ def known_values(name: str, found: Described, measured: Measured) -> KnownValues
     if found.yaw_inertia is not None and found.mass == measured.mass:
         body["yaw_inertia"] = rounded(found.yaw_inertia)
     vehicle: dict[str, Any] = {"wheels": wheels, "body": body}
+    for key, value in zip(("chassis_x", "chassis_y"), found.chassis_center, strict=True):
+        if abs(value) > _ROUNDING:
+            vehicle[key] = rounded(float(value))
+            sources[key] = sources.get("chassis_length", "")
     if found.wheel_inertia is not None:
         vehicle["wheel_inertia"] = max(rounded(found.wheel_inertia), 1e-6)
     problems = [f"contradiction: {one}" for one in found.contradictions]
     problems += [f"missing: {one}" for one in found.questions]
     heading = f"{name}, made by ./omni new-vehicle --from. Values without a comment are given."
-    experiment = {}
+    experiment: dict[str, Any] = {}
     if found.imu is not None:
-        x, y = (rounded(float(value)) for value in found.imu)
+        x, y = (rounded(float(value)) for value in found.imu[:2, 3])
         experiment = {"imu": {"x": x, "y": y}, "brake_assist": {"imu_x": x, "imu_y": y}}
+        angles = [rounded(angle) for angle in roll_pitch_yaw(found.imu)]
+        if any(angles):
+            experiment["brake_assist"]["imu_rotation_deg"] = angles
     lines = [line for text in (heading, *problems) for line in textwrap.wrap(text, _WIDTH)]
     return KnownValues("\n".join(lines), vehicle, found.cameras, experiment, sources)

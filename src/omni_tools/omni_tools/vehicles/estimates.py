@@ -319,6 +319,8 @@ def _sensors(name: str, measured: Measured, known: KnownValues | None) -> str:
     x, y = _round(0.35 * measured.length), _round(0.35 * measured.width)
     places = {"left": (0.0, y, 0.0), "right": (0.0, -y, 0.0), "front": (x, 0.0, 90.0)}
     found = {} if known is None else dict(known.cameras)
+    middle = {} if known is None else known.vehicle
+    c_x, c_y = middle.get("chassis_x", 0.0), middle.get("chassis_y", 0.0)
     heading = (
         f"Three line cameras under {name}, as section 4.4 suggests; ./omni design-sensors finds\n"
         "better positions. Their axes are tangential, so that all cameras measure the yaw rate."
@@ -329,7 +331,11 @@ def _sensors(name: str, measured: Measured, known: KnownValues | None) -> str:
         )
     if len(found) < len(places):  # fewer cannot measure the twist
         found |= {
-            camera: {"x": place[0], "y": place[1], "heading_deg": place[2]}
+            camera: {
+                "x": _round(c_x + place[0]),
+                "y": _round(c_y + place[1]),
+                "heading_deg": place[2],
+            }
             for camera, place in places.items()
         }
     camera = {"pixels": 1024, "length": 0.05, "width": 0.02, "line_rate": 2500.0}

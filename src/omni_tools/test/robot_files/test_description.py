@@ -75,7 +75,7 @@ def test_masses_are_summed_about_their_common_center(described: Write) -> None:
     assert found.chassis is not None
     np.testing.assert_allclose(found.chassis, [[-0.25, -0.1], [0.25, 0.1]])
     assert found.imu is not None
-    np.testing.assert_allclose(found.imu, (0.1, -0.03), atol=1e-12)
+    np.testing.assert_allclose(found.imu[:2, 3], (0.1, -0.03), atol=1e-12)
 
 
 def test_turned_links_give_the_same_vehicle(described: Write) -> None:
@@ -288,6 +288,25 @@ def test_the_written_vehicle_is_complete(tmp_path: Path) -> None:
     assert "# contradiction: track" in text
     assert "# joints of robot.urdf; estimate: rollers" in text
     assert yaml.safe_load(text)["chassis_length"] == 0.5
+
+
+def test_base_link_may_be_anywhere(tmp_path: Path) -> None:
+    imu = '<origin xyz="0.1 -0.03 0.02" rpy="0 0 {}"/>'
+    urdf = mecanum_urdf().replace(imu.format(0), imu.format(math.pi / 2))
+    # base_link is 0.3 m behind the body.
+    urdf = urdf.replace("base_link", "body").replace(
+        'child link="body"/>', 'child link="base_link"/>'
+    )
+    ahead = link("base_link") + joint("rear", "base_link", "body", "0.3 0 0", kind="fixed")
+    (tmp_path / "new.urdf").write_text(urdf.replace("</robot>", f"{ahead}</robot>"))
+    run(tmp_path, str(tmp_path / "new.urdf"))
+    experiment = ExperimentLibrary(CONFIG).load(str(tmp_path / "vehicle"), "assisted")
+    assert experiment.vehicle.wheels["fl_joint"].x == pytest.approx(0.5)
+    assert experiment.vehicle.chassis_x == pytest.approx(0.3)
+    assert experiment.vehicle.chassis_length == 0.5
+    assert experiment.sensors["front"].x == pytest.approx(0.3 + 0.35 * 0.5)
+    assert experiment.brake_assist.imu_x == pytest.approx(0.4)
+    assert experiment.brake_assist.imu_rotation_deg == (0.0, 0.0, 90.0)
 
 
 def test_what_is_missing_is_asked_for_and_may_be_given(tmp_path: Path) -> None:
