@@ -170,7 +170,11 @@ def test_the_files_of_a_robot_lead_to_a_recorded_stop(
     kinematics = yaml.safe_load(
         Path("my_robot/parameters/mecanum_drive_controller.yaml").read_text()
     )
-    assert "0.35" in str(kinematics)  # the controller's own kinematics
+    (node,) = kinematics.values()
+    described = node["ros__parameters"]["kinematics"]
+    # As CONTROLLER: half of wheelbase 0.4 m and track 0.3 m.
+    assert described["sum_of_robot_center_projection_on_X_Y_axis"] == 0.35
+    assert described["wheels_radius"] == 0.05
     names = ("fl_joint", "fr_joint", "rr_joint", "rl_joint")
     with (
         reserved_domain() as domain,

@@ -68,8 +68,8 @@ def run(options: Options, workspace: ExperimentWorkspace) -> Report:
     from omni_runs.graph.run_folder import unused
     from omni_runs.plausibility import remarks
     from omni_sim.vehicle.plausibility import wheel_facts
-    from omni_tools.robot_files.vehicle import described_vehicle, known_values
     from omni_tools.vehicles.estimates import Measured, MeasuredByFiles, write_vehicle
+    from omni_tools.vehicles.from_files import described_vehicle, known_values
 
     folder = unused(options.out or Path(options.name))
     found = None

@@ -185,13 +185,14 @@ def _vehicle(name: str, measured: Measured, known: KnownValues | None) -> str:
     if known is not None:
         values, notes = merge(values, known.vehicle), {**notes, **known.sources}
         return commented_yaml(values, known.heading, notes)
-    return commented_yaml(
-        values,
-        f"{name}, {measured.length:g} m x {measured.width:g} m, made by ./omni new-vehicle. "
-        "Size, mass\nand radius of the wheels are measured. Replace estimates by measured values, "
-        "the yaw inertia\nand the brakes first.",
-        notes,
-    )
+    return commented_yaml(values, f"{name}, {_HEADING.format(**to_mapping(measured))}", notes)
+
+
+_HEADING = (
+    "{length:g} m x {width:g} m, made by ./omni new-vehicle. Size, mass\n"
+    "and radius of the wheels are measured. Replace estimates by measured values, the yaw inertia\n"
+    "and the brakes first."
+)
 
 
 def _brake(measured: Measured, locking: float) -> tuple[dict[str, Any], str]:

@@ -17,9 +17,9 @@ from made_robots import CONTROLLER, joint, link, mecanum_urdf, omni_urdf, write_
 from omni_core.configuration import ConfigurationError
 from omni_runs.experiment import ExperimentLibrary
 from omni_runs.workspace import ExperimentWorkspace
-from omni_tools.robot_files.description import Described
-from omni_tools.robot_files.vehicle import described_vehicle
+from omni_tools.robot_files.described import Described
 from omni_tools.vehicles import command
+from omni_tools.vehicles.from_files import described_vehicle
 
 CONFIG = Path(__file__).parents[4] / "config"
 Write = Callable[..., Described]

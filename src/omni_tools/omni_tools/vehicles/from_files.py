@@ -7,7 +7,8 @@ from typing import Any
 
 from omni_core.configuration import ConfigurationError
 from omni_tools.robot_files.controllers import Controller, read_controllers
-from omni_tools.robot_files.description import Described, describe, rounded
+from omni_tools.robot_files.described import Described, rounded
+from omni_tools.robot_files.description import describe
 from omni_tools.robot_files.links import Robot, roll_pitch_yaw
 from omni_tools.robot_files.xacro_files import read_description
 from omni_tools.vehicles.estimates import KnownValues, Measured
