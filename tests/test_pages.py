@@ -27,6 +27,7 @@ _OF_THE_LAUNCHER = ("exec", "install", "test")
 _ELSEWHERE = {  # pages that a test follows word for word
     "docs/tutorials/your_vehicle.md": "test_tutorial.py",
     "docs/real_vehicle.md": "test_real_vehicle.py",
+    "docs/robot_files.md": "test_real_vehicle.py",
     "docs/extending.md": "test_extending.py",
 }
 _NOT_HERE = {  # beginning of a command, and why it is not run here
