@@ -23,7 +23,8 @@ MOST_NAMES = 6  # imported from one module; a file that needs more of them impor
 # Packages and folders whose modules may use ROS and the clock, in addition to the nodes.
 OF_ROS = ("omni_ros.", "omni_recording.", "omni_bringup.", "omni_core.commands.",
           "omni_runs.graph.", "omni_runs.replay.", "omni_runs.run.", "omni_tools.drive.",
-          "omni_tools.node_check.", "omni_tools.commissioning.command")  # fmt: skip
+          "omni_tools.node_check.", "omni_tools.commissioning.command",
+          "omni_tools.load_estimate.command")  # fmt: skip
 
 
 def modules() -> dict[str, Path]:

@@ -272,9 +272,10 @@ def test_a_rebuild_waits_for_running_commands(workspace: Workspace) -> None:
 INPUTS = {
     "wheels": ["wheels", "shared"],
     "sourced-ros": ["sourced-ros", "shared"],
-    "development": ["development", "campaign", "parquet"],
+    "development": ["development", "campaign", "parquet", "xacro"],
     "campaign": ["campaign"],
     "parquet": ["parquet"],
+    "xacro": ["xacro"],
     "installer": ["installer"],
 }
 
@@ -301,7 +302,7 @@ def test_locks_are_exact_and_complete(name: str) -> None:
         assert {word.lower() for word in wanted} <= set(locked)
 
 
-@pytest.mark.parametrize("name", ["development", "campaign", "parquet"])
+@pytest.mark.parametrize("name", ["development", "campaign", "parquet", "xacro"])
 def test_a_group_changes_no_package_of_a_run(name: str) -> None:
     group = _locked(name)
     for other in ("wheels", "sourced-ros", "development"):

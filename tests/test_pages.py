@@ -27,6 +27,7 @@ _OF_THE_LAUNCHER = ("exec", "install", "test")
 _ELSEWHERE = {  # pages that a test follows word for word
     "docs/tutorials/your_vehicle.md": "test_tutorial.py",
     "docs/real_vehicle.md": "test_real_vehicle.py",
+    "docs/robot_files.md": "test_real_vehicle.py",
     "docs/extending.md": "test_extending.py",
 }
 _NOT_HERE = {  # beginning of a command, and why it is not run here
@@ -38,6 +39,7 @@ _NOT_HERE = {  # beginning of a command, and why it is not run here
     "lines": "the reader's files: test_lines_command.py makes some",
     "calibrate-sensors": "the reader's drives: test_lines_command.py makes some",
     "fit-tire": "the reader's measurements: test_fit_tire_command.py makes some",
+    "estimate-load": "the reader's recordings: test_estimate_load_command.py makes some",
     "fit-brakes": "the reader's recordings: test_fit_brakes_command.py has ours",
     "design-sensors": "half a minute: test_design_sensors.py",
     "nav2-polygons": "ten thousand stops: test_stopping_area.py has fewer",

@@ -19,6 +19,7 @@ import yaml
 from bystander import Bystander, node_process
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import TwistWithCovarianceStamped
+from made_robots import CONTROLLER, write_packages
 from omni_process import WORKSPACE, omni_here
 from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
@@ -37,19 +38,21 @@ from omni_tools.vehicles.estimates import Measured, write_vehicle
 from omni_vehicle.brake_adapter import BrakeAdapterConfiguration
 
 PAGE = WORKSPACE / "docs/real_vehicle.md"
+FILES_PAGE = WORKSPACE / "docs/robot_files.md"
 COVARIANCE = np.diag([1e-4, 1e-4, 1e-4])
 
 
-def commands() -> list[list[str]]:
-    """Return the words of every command on the page."""
-    blocks = re.findall(r"```sh\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)
+def commands(page: Path = PAGE) -> list[list[str]]:
+    """Return the words of every command on a page."""
+    blocks = re.findall(r"```sh\n(.*?)```", page.read_text(encoding="utf-8"), re.DOTALL)
     return [shlex.split(line) for block in blocks for line in block.splitlines()]
 
 
 class StandIn(Bystander):
     """A vehicle that slides and turns independently of its brakes."""
 
-    fastest = 3.0  # [m/s]
+    fastest, slowest = 3.0, 1.0  # [m/s]
+    slowing, turning = 0.005, 0.5  # change of the speed in a step [m/s], yaw rate [rad/s]
 
     def __init__(self, domain: int, wheels: tuple[str, ...]) -> None:
         super().__init__("vehicle", domain)
@@ -76,13 +79,29 @@ class StandIn(Bystander):
         self.said = next(v.value for v in message.status[0].values if v.key == "state")
 
     def _step(self) -> None:
-        change = -0.005 if self.pressed else 0.005
-        self.speed = min(max(self.speed + change, 1.0), self.fastest)
+        change = -self.slowing if self.pressed else self.slowing
+        self.speed = min(max(self.speed + change, self.slowest), self.fastest)
         stamp_ns = self.node.get_clock().now().nanoseconds
-        now = np.array([self.speed, 0.0, 0.5]) + self._generator.normal(0.0, 0.005, 3)
-        self.states.publish(joint_state(stamp_ns, self.wheels))
+        rate = self.turning if self.speed else 0.0
+        now = np.array([self.speed, 0.0, rate]) + self._generator.normal(0.0, 0.005, 3)
+        self.publish_states(stamp_ns)
         self.pedal.publish(joint_state(stamp_ns, ("pedal",), position=np.array([self.pressed])))
         self.twist.publish(planar_twist_with_covariance(stamp_ns, now, COVARIANCE))
+
+    def publish_states(self, stamp_ns: int) -> None:
+        self.states.publish(joint_state(stamp_ns, self.wheels))
+
+
+class Robot(StandIn):
+    """A robot with an arm that stops."""
+
+    fastest, slowest = 1.0, 0.0
+    slowing, turning = 0.02, 0.0
+
+    def publish_states(self, stamp_ns: int) -> None:
+        names = ("arm_joint", *self.wheels)
+        speeds = np.array([0.1] + len(self.wheels) * [self.speed / 0.05])
+        self.states.publish(joint_state(stamp_ns, names, velocity=speeds))
 
 
 @pytest.fixture(scope="module")
@@ -95,7 +114,7 @@ def parameters(tmp_path_factory: pytest.TempPathFactory) -> Path:
     finished = omni_here([*words[:-1], str(folder)])
     assert finished.returncode == 0, finished.stderr
     written = ["brake_assist.yaml", "log_only.yaml", "recorder.yaml", "robot.urdf"]
-    written += ["robot_state_publisher.yaml"]
+    written += ["robot_state_publisher.yaml", "mecanum_drive_controller.yaml"]
     assert {str(folder / name) for name in written} == set(finished.stdout.splitlines())
     return folder
 
@@ -137,6 +156,48 @@ def test_the_page_leads_to_an_assisted_stop(vehicle: StandIn) -> None:
     vehicle.node.destroy_publisher(vehicle.twist)
     vehicle.twist = vehicle.node.create_publisher(TwistWithCovarianceStamped, "unheard", RELIABLE)
     vehicle.wait(lambda: vehicle.said == "stale_feedback" and not any(vehicle.released[-3:]))
+
+
+def test_the_files_of_a_robot_lead_to_a_recorded_stop(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(write_packages(tmp_path).parent)
+    Path("controllers.yaml").write_text(CONTROLLER)
+    *before, assistant, recorder, compare, report = commands(FILES_PAGE)
+    for words in before:
+        finished = omni_here(words[1:])
+        assert finished.returncode == 0, finished.stderr
+    kinematics = yaml.safe_load(
+        Path("my_robot/parameters/mecanum_drive_controller.yaml").read_text()
+    )
+    (node,) = kinematics.values()
+    described = node["ros__parameters"]["kinematics"]
+    # As CONTROLLER: half of wheelbase 0.4 m and track 0.3 m.
+    assert described["sum_of_robot_center_projection_on_X_Y_axis"] == 0.35
+    assert described["wheels_radius"] == 0.05
+    names = ("fl_joint", "fr_joint", "rr_joint", "rl_joint")
+    with (
+        reserved_domain() as domain,
+        node_process(domain, *assistant[3:]),
+        closing(Robot(domain, names)) as robot,
+    ):
+        robot.wait(lambda: robot.said == "disabled" and len(robot.released) > 10)
+        robot.pressed = 0.0
+        with node_process(domain, *recorder[3:]):
+            robot.wait(lambda: robot.states.get_subscription_count() == 2)
+            robot.wait(lambda: robot.speed == robot.fastest)
+            robot.pressed = 1.0
+            robot.wait(lambda: robot.speed == 0.0)
+            at_rest = len(robot.released)
+            robot.wait(lambda: len(robot.released) > at_rest + 100)
+        assert not any(robot.released)
+    for words in (compare, report):
+        finished = omni_here(words[1:])
+        assert finished.returncode == 0, finished.stderr
+        if words is compare:  # v^2 / 2a with 0.02 m/s in a step of about 10 ms
+            assert "first_stop" in finished.stdout
+            assert "stopping distance" in finished.stdout
+    assert Path("my_robot/report.html").exists()
 
 
 def test_the_launch_file_has_the_arguments_of_the_page() -> None:

@@ -14,6 +14,7 @@ install(
         "compare": "omni_tools.report.compare_command",
         "design-sensors": "omni_tools.placement.command",
         "drive": "omni_tools.drive.command",
+        "estimate-load": "omni_tools.load_estimate.command",
         "fit-brakes": "omni_tools.brakes.command",
         "fit-tire": "omni_tools.tires.command",
         "limit": "omni_tools.limit.command",

@@ -69,7 +69,7 @@ class OdometryNode(Node):
         self._pose = PosePublisher(self, self._prefix, pose)
         if interface.publish_tf:
             mounts = configuration.all_sensors.items()
-            self._pose.publish_transforms({n: m for n, m in mounts if not m.carrier})
+            self._pose.publish_transforms({name: one for name, one in mounts if not one.carrier})
         sensors = ", ".join(configuration.all_sensors)
         self._status = StatusReporter(
             self, Status(ERROR, f"no lines yet; waiting for a batch from {sensors}")

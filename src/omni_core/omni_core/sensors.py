@@ -139,6 +139,21 @@ def _rounded_radians(angle: float) -> bool:
     return any(abs(angle - common) <= 0.5e-2 for common in _COMMON_HEADINGS)
 
 
+def rotation_matrix(angles_deg: Sequence[float]) -> FloatArray:
+    """Return the matrix from the axes of a mounted sensor to those of base_link, shape (3, 3).
+
+    Args:
+        angles_deg: roll, pitch and yaw, rotations about the fixed axes x, y and z in this order, as
+            `rpy` of a joint in a URDF, but in [deg]; empty for equal axes.
+    """
+    roll, pitch, yaw = np.radians(angles_deg if len(angles_deg) else np.zeros(3))
+    (a, b, c), (d, e, f) = np.cos((roll, pitch, yaw)), np.sin((roll, pitch, yaw))
+    about_x = np.array([[1.0, 0.0, 0.0], [0.0, a, -d], [0.0, d, a]])
+    about_y = np.array([[b, 0.0, e], [0.0, 1.0, 0.0], [-e, 0.0, b]])
+    about_z = np.array([[c, -f, 0.0], [f, c, 0.0], [0.0, 0.0, 1.0]])
+    return np.asarray(about_z @ about_y @ about_x)
+
+
 def turned_mount(sensor: M, angle: float) -> M:
     """Return the mounting of a sensor whose carrier has turned by a steering angle [rad]."""
     cos, sin = math.cos(angle), math.sin(angle)
@@ -161,21 +176,6 @@ def carried_velocity(sensor: Mount, rate: float) -> list[float]:
     """
     x, y = sensor.x - sensor.carrier_x, sensor.y - sensor.carrier_y
     return [rate * velocity_row(x, y, direction)[2] for direction in sensor.directions]
-
-
-def rotation_matrix(angles_deg: Sequence[float]) -> FloatArray:
-    """Return the matrix from the axes of a mounted sensor to those of base_link, shape (3, 3).
-
-    Args:
-        angles_deg: roll, pitch and yaw, rotations about the fixed axes x, y and z in this order, as
-            `rpy` of a joint in a URDF, but in [deg]; empty for equal axes.
-    """
-    roll, pitch, yaw = np.radians(angles_deg if len(angles_deg) else np.zeros(3))
-    (a, b, c), (d, e, f) = np.cos((roll, pitch, yaw)), np.sin((roll, pitch, yaw))
-    about_x = np.array([[1.0, 0.0, 0.0], [0.0, a, -d], [0.0, d, a]])
-    about_y = np.array([[b, 0.0, e], [0.0, 1.0, 0.0], [-e, 0.0, b]])
-    about_z = np.array([[c, -f, 0.0], [f, c, 0.0], [0.0, 0.0, 1.0]])
-    return np.asarray(about_z @ about_y @ about_x)
 
 
 def sensor_matrix(sensors: Mapping[str, Mount]) -> FloatArray:

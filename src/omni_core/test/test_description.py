@@ -45,6 +45,18 @@ def test_every_wheel_and_camera_hangs_where_it_is_bolted(count: int) -> None:
         assert float(origin.attrib["rpy"].split()[2]) == pytest.approx(math.radians(heading))
 
 
+def test_the_chassis_is_drawn_around_its_center() -> None:
+    wheels = {"only": WheelMount(x=0.0, y=0.0, roller_angle_deg=0.0, radius=0.1)}
+    robot = ElementTree.fromstring(urdf("toy", wheels, {}, (-0.14, 0.02, 0.75, 0.5)))
+    body = robot.find("link/visual")
+    assert body is not None
+    place, box = body.find("origin"), body.find("geometry/box")
+    assert place is not None
+    assert box is not None
+    assert place.attrib["xyz"].split()[:2] == ["-0.14", "0.02"]
+    assert box.attrib["size"].split()[:2] == ["0.75", "0.5"]
+
+
 def test_steered_wheel_turns_about_a_vertical_joint_of_its_own() -> None:
     wheel = WheelMount(
         kind="conventional", x=0.5, y=0.2, heading_deg=20.0, steering_limit_deg=90.0, radius=0.1
@@ -72,15 +84,3 @@ def test_steered_wheel_turns_about_a_vertical_joint_of_its_own() -> None:
     parent, origin, axis = places["front"]
     assert (parent, axis) == ("front_steering", "0 1 0")
     assert [float(v) for v in f"{origin['xyz']} {origin['rpy']}".split()] == [0.0] * 6
-
-
-def test_the_chassis_is_drawn_around_its_center() -> None:
-    wheels = {"only": WheelMount(x=0.0, y=0.0, roller_angle_deg=0.0, radius=0.1)}
-    robot = ElementTree.fromstring(urdf("toy", wheels, {}, (-0.14, 0.02, 0.75, 0.5)))
-    body = robot.find("link/visual")
-    assert body is not None
-    place, box = body.find("origin"), body.find("geometry/box")
-    assert place is not None
-    assert box is not None
-    assert place.attrib["xyz"].split()[:2] == ["-0.14", "0.02"]
-    assert box.attrib["size"].split()[:2] == ["0.75", "0.5"]

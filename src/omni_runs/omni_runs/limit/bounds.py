@@ -8,9 +8,19 @@ later, when at least the same torque is available. Wheel spin cannot shorten the
 wheel turns no faster than a rolling wheel, so the impulse of its tire force is at most the impulse
 of its brake.
 
+If a brake fails during the stop (`omni_sim.vehicle.configuration.WheelCondition`), the argument
+holds only after the failure: a vehicle that arrives later may arrive without this brake. Until the
+failure, the largest deceleration at every *time* gives lower limits of speed and position at the
+failure. The ground is then anywhere between this position and that of a vehicle that does not
+brake. From these limits on, the bound follows from the largest deceleration at every position. A
+wheel that was locked exerts its force after the failure until it rolls; `tolerance` contains the
+impulse of this force.
+
 For a stop that keeps heading and line, the ground under each wheel is known. Within `EDGE_MARGIN`
 of the edge of a patch, the higher friction is used. For stops with any heading and path, a wheel
-may be anywhere within the distance traveled. `limit_share` compares the bound with a recorded stop.
+may be anywhere within the distance traveled. For stops that keep the heading on any path, the bound
+limits only the speed along the initial direction of motion, on ground of the largest friction.
+`limit_share` compares the bound with a recorded stop.
 """
 
 import math
@@ -20,7 +30,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from omni_core.geometry import turned
-from omni_core.quantities import FloatArray
+from omni_core.quantities import BoolArray, FloatArray
 from omni_runs import experiment, metrics
 from omni_runs.history import RunHistory
 from omni_runs.limit.forces import Case, Deceleration, LimitVehicle
@@ -39,6 +49,7 @@ _TIME_STEP = 2e-3  # time step during the torque build-up [s]
 _PLACES = 200  # number of positions along the path over patches
 _LEAST = 1e-6  # smaller decelerations do not stop the vehicle [m/s^2]
 _LEVELS = 64  # number of torque levels during build-up, rounded up
+_LONG = 10.0  # duration of the impulse of a released wheel in the computation of its effect [s]
 _SKETCHED = 12  # number of torque levels of a sketch, rounded down, and number of its headings
 _WEAK = "friction or brakes are too weak to stop the vehicle"
 _SLOPE = "the ground is not level, and the slope force is not modeled"
@@ -53,12 +64,15 @@ class Maneuver(NamedTuple):
         twist: twist of base_link in the body frame [m/s, m/s, rad/s], shape (3,).
         pedal: final position of the pedal [1].
         ramp_time: time in which the pedal reaches its final position [s].
+        start_time: time at which the pedal begins to move [s], on the clock of the onsets of brake
+            faults.
     """
 
     pose: FloatArray
     twist: FloatArray
     pedal: float = 1.0
     ramp_time: float = 0.0
+    start_time: float = 0.0
 
 
 class Bound(NamedTuple):
@@ -69,8 +83,9 @@ class Bound(NamedTuple):
         gap: limit on the relative difference between the bound and the distance of a stop with
             feasible forces [1].
         tolerance: length by which a run may be shorter than the bound because of neglected effects
-            [m]: lag of the loads, elastic deflection of the tires at rest, and deviations of
-            heading and direction up to `KEPT`; NaN if it is not needed.
+            [m]: lag of the loads, elastic deflection of the tires at rest, deviations of heading
+            and direction up to `KEPT`, and spin-up of wheels whose brakes fail; NaN if it is not
+            needed.
         reason: reason why no bound was computed; otherwise empty.
     """
 
@@ -92,7 +107,8 @@ def maneuver_of(configuration: ManeuverConfiguration) -> Maneuver:
     moved = np.append(chord * turned(twist[:2], pose[2] + half), rotation)
     if configuration.hold_world_direction:
         twist[:2] = turned(twist[:2], -rotation)
-    return Maneuver(pose + moved, twist, configuration.pedal, configuration.pedal_ramp_time)
+    pedal, ramp_time = configuration.pedal, configuration.pedal_ramp_time
+    return Maneuver(pose + moved, twist, pedal, ramp_time, time)
 
 
 def straight_bound(
@@ -110,6 +126,30 @@ def straight_bound(
         run: distance of a stop that is compared with the bound [m]; the tolerance is only computed
             for a shorter stop, otherwise it is NaN.
     """
+    return _kept(_Straight, vehicle, ground, maneuver, run)
+
+
+def heading_bound(
+    vehicle: VehicleConfiguration,
+    ground: GroundConfiguration,
+    maneuver: Maneuver,
+    run: float = 0.0,
+) -> Bound:
+    """Return the lower bound of the path length of stops that keep the heading, on any path.
+
+    The arguments are those of `straight_bound`.
+    """
+    return _kept(_Heading, vehicle, ground, maneuver, run)
+
+
+def _kept(
+    kind: type["_Straight"],
+    vehicle: VehicleConfiguration,
+    ground: GroundConfiguration,
+    maneuver: Maneuver,
+    run: float,
+) -> Bound:
+    """Return the lower bound of the distance of the stops that a class admits."""
     if reason := _left_out(vehicle, ground):
         return Bound(math.nan, reason=reason)
     speed = math.hypot(maneuver.twist[0], maneuver.twist[1])
@@ -120,21 +160,22 @@ def straight_bound(
             math.nan,
             reason="the vehicle rotates at the start of braking, so it has no heading to keep",
         )
-    cases = _Straight(vehicle, ground, maneuver)
-    best = cases.first()
+    cases = kind(vehicle, ground, maneuver)
+    stages = cases.stages(speed)
+    best = [cases.first(stage) for stage in stages]
     # This excludes the force of locked wheels that the motion does not drive.
-    strict = cases.first(torque=math.inf, standing=False)
-    if best is None or best.bound <= _LEAST or strict is None or strict.bound <= _LEAST:
+    strict = [cases.first(stage, force=math.inf, standing=False) for stage in stages]
+    if min(_strongest([found]) for found in (*best, *strict)) <= _LEAST:
         return Bound(
             math.nan,
             reason="no forces of the wheels that this motion drives decelerate the vehicle "
-            "without yaw moment and side force",
+            f"without {kind.WITHOUT}",
         )
     distance = cases.distance(speed)
     if not math.isfinite(distance):
         return Bound(math.nan, reason=_WEAK)
-    gap = best.bound / best.feasible - 1.0
-    tolerance = cases.tolerance(distance, best.bound) if run < distance else math.nan
+    gap = max(found.bound / found.feasible for found in best if found is not None) - 1.0
+    tolerance = cases.tolerance(speed, distance) if run < distance else math.nan
     return Bound(distance, gap, tolerance)
 
 
@@ -154,11 +195,7 @@ def any_heading_bound(
     distance = cases.distance(speed)
     if not math.isfinite(distance):
         return Bound(math.nan, reason=_WEAK)
-    # While the loads lag, any load distribution is possible.
-    first = cases.deceleration(0.0, 0.0, math.inf)
-    any_load_bound = cases.limit.any_load_bound(cases.friction(0.0, 0.0))
-    gain = max(any_load_bound / first - 1.0, 0.0) if first > 0.0 else 0.0
-    return Bound(distance, cases.tolerance, speed * vehicle.load_transfer_time * gain)
+    return Bound(distance, cases.accuracy, cases.tolerance(speed, distance))
 
 
 def _left_out(vehicle: VehicleConfiguration, ground: GroundConfiguration) -> str:
@@ -178,9 +215,10 @@ def straight_sketch(
     limits the number of linear programs, and can only increase the estimate.
     """
     cases = _Straight(vehicle, ground, maneuver, sketch=True)
-    if _strongest([cases.first()]) <= _LEAST:
+    speed = math.hypot(*maneuver.twist[:2])
+    if min(_strongest([cases.first(stage)]) for stage in cases.stages(speed)) <= _LEAST:
         return math.inf
-    return cases.distance(math.hypot(*maneuver.twist[:2]))
+    return cases.distance(speed)
 
 
 def any_heading_sketch(
@@ -207,38 +245,82 @@ class _Cases:
         sketch: bool = False,
     ) -> None:
         self.limit = LimitVehicle(vehicle)
-        self._brake, self._load_transfer_time = vehicle.brake, vehicle.load_transfer_time
+        self._vehicle, self._maneuver = vehicle, maneuver
         self._map = FrictionMap(ground.friction, ground.patches)
-        self._maneuver = maneuver
+        self._faulty = vehicle.by_wheel("brake")
+        self._onset = vehicle.by_wheel("onset") - maneuver.start_time
+        self._onsets = sorted({float(onset) for onset in self._onset[self._during]})
         self._final = vehicle.brake.max_torque * maneuver.pedal
         self._solved: dict[tuple[object, ...], float] = {}
         top = max((self._map.base, *self._map.table[:, 6])) * float(np.max(self.limit.grip))
-        weakest = max(float(np.min(self.limit.torque_force)), _LEAST)
+        acting = np.where(self._faulty > 0.0, np.minimum(self._faulty, 1.0), 1.0)
+        weakest = max(float(np.min(acting / self.limit.rim_lever)), _LEAST)
         self._enough_torque: float = top * self.limit.strongest_peak / weakest
         self._level = self._enough_torque / (_SKETCHED if sketch else _LEVELS)
         self._rounded: Callable[[float], int] = math.floor if sketch else math.ceil
         self._step = max(math.hypot(*maneuver.twist[:2]) ** 2 / (2.0 * 3.0) / _PLACES, 1e-3)
 
-    def distance(self, speed: float) -> float:
+    @property
+    def _during(self) -> BoolArray:
+        """Whether the brake of each wheel changes after the start of braking, shape (N,)."""
+        changes: BoolArray = (self._faulty != 1.0) & (self._onset > 0.0)
+        return changes
+
+    def shares(self, time: float) -> FloatArray:
+        """Return the share of its torque that each brake has [1], shape (N,).
+
+        Args:
+            time: time since the pedal began to move [s].
+        """
+        return np.where(self._onset <= time, self._faulty, 1.0)
+
+    def stages(self, speed: float) -> list[FloatArray]:
+        """Return `shares` at the start and, unless the vehicle is then at rest, after all onsets.
+
+        Args:
+            speed: speed at the start of braking [m/s].
+        """
+        first, last = self.shares(0.0), self.shares(math.inf)
+        return [first, last] if self._onsets and self._until_onsets(speed)[1] > 0.0 else [first]
+
+    def distance(self, speed: float, *, eased: bool = False) -> float:
         """Return the stopping distance [m] from a speed [m/s] at the largest decelerations.
 
         It is infinite if the vehicle does not come to rest.
+
+        Args:
+            speed: speed at the start of braking [m/s].
+            eased: whether the effects that the bound neglects shorten the stop.
         """
-        enough, final = self._enough_torque, self._final
-        distance = time = 0.0
+        distance, slower, time = self._until_onsets(speed, eased=eased)
+        least = self._along(distance, slower, time, self.shares(math.inf), eased=eased)
+        if not self._onsets or not len(self._map.table):
+            return least
+        # On patches, a stop in which every brake always has its larger torque may have the higher
+        # bound, because it does not need the least speed at a time.
+        largest = np.maximum(self.shares(0.0), self._faulty)
+        return max(least, self._along(0.0, speed, 0.0, largest, eased=eased))
+
+    def _along(
+        self, distance: float, speed: float, time: float, shares: FloatArray, *, eased: bool
+    ) -> float:
+        """Return the position of rest [m] at the largest decelerations at every position.
+
+        Args:
+            distance: position at the start [m].
+            speed: speed at the start [m/s].
+            time: time of the start since the pedal began to move [s].
+            shares: share of its torque that each brake has [1], shape (N,).
+            eased: as for `distance`.
+        """
+        gain, speed = self._eased(shares, speed) if eased else (1.0, speed)
         while speed > 0.0:
-            torque = self._torque(time + _TIME_STEP)
-            settled = torque >= min(enough, 0.999 * final)
-            if settled:
-                torque = math.inf if torque >= enough else final
-            else:
-                # The number of cases is limited by rounding, up for a bound and down for a sketch.
-                torque = min(self._rounded(torque / self._level) * self._level, final)
+            torque, settled = self._available(time + _TIME_STEP)
             if settled and not len(self._map.table):
-                rate = self.deceleration(distance, distance, torque)
+                rate = gain * self.deceleration(distance, distance, torque * shares)
                 return distance + speed**2 / (2.0 * rate) if rate > _LEAST else math.inf
             step = max(speed, 1e-3) * _TIME_STEP if not settled else self._step
-            rate = self.deceleration(distance, distance + step, torque)
+            rate = gain * self.deceleration(distance, distance + step, torque * shares)
             if settled and rate <= _LEAST and distance > 1e4:
                 return math.inf
             square = speed**2 - 2.0 * rate * step
@@ -249,9 +331,66 @@ class _Cases:
             distance, speed = distance + step, after
         return distance
 
+    def _until_onsets(self, speed: float, *, eased: bool = False) -> tuple[float, float, float]:
+        """Return least distance [m], least speed [m/s] and time [s] at the last change of a brake.
+
+        Without such a change, this is the start of braking. The arguments are those of `distance`.
+        """
+        distance = time = 0.0
+        fastest = speed
+        for onset in self._onsets:
+            shares = self.shares(time)
+            gain, speed = self._eased(shares, speed) if eased else (1.0, speed)
+            while time < onset and speed > 0.0:
+                end = min(time + _TIME_STEP, onset)
+                torque = self._available(end)[0] * shares
+                rate = gain * self.deceleration(distance, fastest * end, torque)
+                after = speed - rate * (end - time)
+                if after <= 0.0:
+                    return distance + speed**2 / (2.0 * rate), 0.0, end
+                distance += 0.5 * (speed + after) * (end - time)
+                time, speed = end, after
+        return distance, speed, time
+
+    def _eased(self, shares: FloatArray, speed: float) -> tuple[float, float]:
+        """Return the effects that the bound neglects from a time on.
+
+        Args:
+            shares: `shares` from this time on.
+            speed: speed at this time [m/s].
+
+        Returns:
+            Factor on the deceleration [1], and speed at this time after the effects that end soon
+            [m/s].
+        """
+        raise NotImplementedError
+
+    def _spin_up(self, shares: FloatArray, speed: float) -> FloatArray:
+        """Return the impulse of each wheel that was locked when its brake failed [N s], shape (N,).
+
+        The force of the ground accelerates the wheel until it rolls. The arguments are those of
+        `_eased`.
+        """
+        impulse = self._vehicle.wheel_inertia * speed / self.limit.rim_lever**2
+        return np.where(self._during & (shares < 1.0), impulse, 0.0)
+
+    def _available(self, time: float) -> tuple[float, bool]:
+        """Return the torque of a fault-free brake [N m], and whether it is the final one.
+
+        While the torque builds up, it is rounded, up for a bound and down for a sketch, which
+        limits the number of cases.
+
+        Args:
+            time: time since the pedal began to move [s].
+        """
+        torque, final = self._torque(time), self._final
+        if torque >= min(self._enough_torque, 0.999 * final):
+            return final, True
+        return min(self._rounded(torque / self._level) * self._level, final), False
+
     def _torque(self, time: float) -> float:
         """Return the maximum torque of a brake [N m], `time` [s] after the pedal begins to move."""
-        brake, ramp = self._brake, self._maneuver.ramp_time
+        brake, ramp = self._vehicle.brake, self._maneuver.ramp_time
         on = time - brake.dead_time
         if on <= 0.0:
             return 0.0
@@ -262,16 +401,16 @@ class _Cases:
             share = -math.expm1(-on / lag)
         return self._final * share
 
-    def deceleration(self, start: float, end: float, torque: float) -> float:
+    def deceleration(self, start: float, end: float, torque: FloatArray) -> float:
         """Return an upper bound of the deceleration on a segment of the path [m/s^2].
 
         Args:
             start: position of the start of the segment, as the distance traveled [m].
             end: position of its end [m].
-            torque: torque of every brake [N m].
+            torque: torque of each brake [N m], shape (N,).
         """
         friction = self.friction(start, end)
-        key = (*friction.tolist(), torque)
+        key = (*friction.tolist(), *torque.tolist())
         if key not in self._solved:
             self._solved[key] = self._solve(friction, torque)
         return self._solved[key]
@@ -283,12 +422,24 @@ class _Cases:
         """
         raise NotImplementedError
 
-    def _solve(self, friction: FloatArray, torque: float) -> float:
+    def _solve(self, friction: FloatArray, torque: FloatArray) -> float:
         raise NotImplementedError
+
+    def tolerance(self, speed: float, distance: float) -> float:
+        """Return the tolerance of a bound [m].
+
+        Args:
+            speed: speed at the start of braking [m/s].
+            distance: the bound [m].
+        """
+        return distance - self.distance(speed, eased=True)
 
 
 class _Straight(_Cases):
     """Stops that keep heading and line of motion."""
+
+    WITHOUT = "yaw moment and side force"
+    """Forces that these stops exclude."""
 
     @property
     def _direction(self) -> FloatArray:
@@ -301,35 +452,49 @@ class _Straight(_Cases):
         near = 0.5 * (end - start) + EDGE_MARGIN
         return self.limit.grip * [_largest_friction(self._map, place, near) for place in places]
 
-    def _solve(self, friction: FloatArray, torque: float) -> float:
-        return _strongest([self.limit.strongest(self._direction, Case(friction, True, torque))])
+    def _solve(self, friction: FloatArray, torque: FloatArray) -> float:
+        return _strongest([self.limit.strongest(self._direction, self._case(friction, torque))])
 
-    def first(self, angle: float = 0.0, **changes: Any) -> Deceleration | None:
+    def _case(self, friction: FloatArray, torque: FloatArray) -> Case:
+        return Case(friction, True, torque)
+
+    def first(
+        self, shares: FloatArray, angle: float = 0.0, force: float = 0.0, **changes: Any
+    ) -> Deceleration | None:
         """Return the largest deceleration that the wheels can cause at the start of braking.
 
         The result is None if no admissible forces exist.
 
         Args:
+            shares: share of its torque that each brake has [1], shape (N,).
             angle: angle by which the direction of motion differs from that of the maneuver [rad].
-            **changes: fields of `Case` that differ from a straight stop with the full torque.
+            force: additional force of each wheel whose brake acts [N].
+            **changes: fields of `Case` that differ from a straight stop with these brakes.
         """
-        case = Case(self.friction(0.0, 0.0), True, self._final)._replace(**changes)
+        torque = self._final * shares + np.where(shares > 0.0, force, 0.0)
+        case = self._case(self.friction(0.0, 0.0), torque)._replace(**changes)
         return self.limit.strongest(turned(self._direction, angle), case)
 
-    def tolerance(self, distance: float, first: float) -> float:
-        """Return the tolerance of a bound [m].
+    def _eased(self, shares: FloatArray, speed: float) -> tuple[float, float]:
+        first = _strongest([self.first(shares)])
+        if first <= _LEAST:
+            return 1.0, speed
+        near = _strongest(self.first(shares, angle) for angle in self.near)
+        lagging = _strongest(self.first(shares, lag=share) for share in (0.25, 0.5, 0.75, 1.0))
+        lost = self._vehicle.load_transfer_time * max(lagging - first, 0.0)
+        driven = np.abs(self.limit.active @ self._direction)
+        impulse = self._spin_up(shares, speed) * driven
+        if np.any(impulse > 0.0):
+            # The deceleration is a concave function of the force, so the effect per force is
+            # largest for a small force, which acts for a long time.
+            torque = self._final * shares + impulse / _LONG * self.limit.rim_lever
+            lost += _LONG * max(_strongest([self.first(shares, torque=torque)]) - first, 0.0)
+        return max(near / first, 1.0), max(speed - lost, 0.0)
 
-        Args:
-            distance: the bound [m].
-            first: largest deceleration at the start of braking [m/s^2].
-        """
-        lagging = _strongest(self.first(lag=share) for share in (0.25, 0.5, 0.75, 1.0))
-        gain = max(lagging / first - 1.0, 0.0)
-        near = _strongest(self.first(angle) for angle in self.near)
-        leeway = distance * (1.0 - first / max(near, first))
+    def tolerance(self, speed: float, distance: float) -> float:
+        first = max(_strongest([self.first(stage)]) for stage in self.stages(speed))
         rebound = self.limit.rebound(self._direction, first)
-        speed = math.hypot(*self._maneuver.twist[:2])
-        return speed * self._load_transfer_time * gain + leeway + rebound
+        return super().tolerance(speed, distance) + rebound
 
     @property
     def near(self) -> list[float]:
@@ -346,10 +511,27 @@ class _Straight(_Cases):
         return [-2.0 * KEPT, 2.0 * KEPT, *{a for a in square if abs(a) < 2.0 * KEPT}]
 
 
+class _Heading(_Straight):
+    """Stops that keep the heading, on any path.
+
+    The deceleration along the initial direction of motion may come with any side force.
+    """
+
+    WITHOUT = "yaw moment"
+
+    def friction(self, start: float, end: float) -> FloatArray:
+        del start, end
+        return np.multiply(self.limit.grip, max((self._map.base, *self._map.table[:, 6])))
+
+    def _case(self, friction: FloatArray, torque: FloatArray) -> Case:
+        return Case(friction, False, torque, heading=True)
+
+
 class _AnyHeading(_Cases):
     """Stops with any heading and any path."""
 
-    tolerance = 1e-3
+    accuracy = 1e-3
+    """Limit on the relative excess of the bound of the deceleration [1]."""
 
     @property
     def center_speed(self) -> float:
@@ -365,8 +547,18 @@ class _AnyHeading(_Cases):
         arms = np.hypot(*(self.limit.position - masses.center).T)
         return self.limit.grip * [_largest_friction(self._map, center, end + arm) for arm in arms]
 
-    def _solve(self, friction: FloatArray, torque: float) -> float:
-        return self.limit.largest(Case(friction, False, min(torque, self._final)), self.tolerance)
+    def _solve(self, friction: FloatArray, torque: FloatArray) -> float:
+        return self.limit.largest(Case(friction, False, torque), self.accuracy)
+
+    def _eased(self, shares: FloatArray, speed: float) -> tuple[float, float]:
+        friction = self.friction(0.0, 0.0)
+        first = self.deceleration(0.0, 0.0, self._final * shares)
+        braked = friction[shares > 0.0]
+        # While the loads lag, any load distribution is possible.
+        lagging = self.limit.any_load_bound(braked) if first > 0.0 and len(braked) else 0.0
+        lost = self._vehicle.load_transfer_time * max(lagging - first, 0.0)
+        lost += float(np.sum(self._spin_up(shares, speed))) / self.limit.masses.mass
+        return 1.0, max(speed - lost, 0.0)
 
 
 class _OneHeading(_AnyHeading):
@@ -377,13 +569,13 @@ class _OneHeading(_AnyHeading):
 
     _heading: FloatArray | None = None
 
-    def _solve(self, friction: FloatArray, torque: float) -> float:
+    def _solve(self, friction: FloatArray, torque: FloatArray) -> float:
         if self._heading is None:
-            case = Case(friction, False, self._final)
+            case = Case(friction, False, self._final * self.shares(math.inf))
             angles = np.arange(_SKETCHED) * 2.0 * math.pi / _SKETCHED
             headings = np.column_stack((np.cos(angles), np.sin(angles)))
             self._heading = max(headings, key=lambda one: self.limit.at_least(one, case))
-        case = Case(friction, False, min(torque, self._final))
+        case = Case(friction, False, torque)
         return self.limit.at_least(self._heading, case)
 
 
@@ -433,7 +625,8 @@ def limit_share(
         note = "limit_share: the bound is for vehicles on omni-wheels"
         return metrics.Metric(math.nan, "1", note=note)
     twist = history.twist[start] * np.array([1.0, 1.0, 0.0])
-    maneuver = Maneuver(history.pose[start], twist, float(np.max(history.pedal)))
+    pedal, time = float(np.max(history.pedal)), 1e-9 * float(history.stamp_ns[start])
+    maneuver = Maneuver(history.pose[start], twist, pedal, start_time=time)
     bound = straight_bound(configuration.vehicle, configuration.ground, maneuver, distance)
     share = bound.distance / distance
     note = ""

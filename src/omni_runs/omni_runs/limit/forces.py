@@ -66,17 +66,19 @@ class Case(NamedTuple):
         friction: friction factor of the ground under each wheel [1], shape (N,).
         straight: whether the forces together must have no yaw moment and no lateral component, and
             no wheel may drive the vehicle.
-        torque: limit on the torque of every brake [N m].
+        torque: limit on the torque of every brake [N m], or of each brake, shape (N,).
         lag: share of the acceleration that does not yet affect the loads [1].
         standing: whether a locked wheel may exert a force although the vehicle does not move along
             the wheel's active direction.
+        heading: whether the forces together must have no yaw moment.
     """
 
     friction: FloatArray
     straight: bool
-    torque: float = math.inf
+    torque: float | FloatArray = math.inf
     lag: float = 0.0
     standing: bool = True
+    heading: bool = False
 
 
 class LimitVehicle:
@@ -87,8 +89,7 @@ class LimitVehicle:
         position: position of the wheels in the body frame [m], shape (N, 2).
         active: active directions [1], shape (N, 2).
         lever: lever of the active directions about the center of gravity [m], shape (N,).
-        torque_force: ratio of the largest force of each wheel to the torque of its brake [1/m],
-            shape (N,).
+        rim_lever: lever of the force of each wheel about the wheel's axis [m], shape (N,).
         grip: factor on the friction between each wheel and the ground [1], shape (N,).
         strongest_peak: largest peak force of the tire at any load on ground with the friction
             factor 1 [N].
@@ -107,7 +108,7 @@ class LimitVehicle:
         tire = vehicle.tire
         radius = geometry.radius - tire.largest_load / tire.vertical_stiffness
         rim = np.abs(np.sum(geometry.active * geometry.rolling, axis=1))
-        self.torque_force = vehicle.by_wheel("brake") / (radius * rim)
+        self.rim_lever = radius * rim
         self.grip = vehicle.by_wheel("friction")
         losses = vehicle.passive_losses
         # Rolling resistance grows with the load. Its share at the largest load keeps the set of
@@ -209,7 +210,7 @@ class LimitVehicle:
             nearly: largest ratio of force to friction limit that is corrected by scaling [1].
         """
         along = self.active @ direction
-        torque = case.torque * self.torque_force
+        torque = case.torque / self.rim_lever
         z_of_force = self._zero_moment_point()[:, : len(along)]
         load, excess = self._weight * self._plane[:, 0], math.inf
         for _ in range(iterations):
@@ -249,9 +250,13 @@ class LimitVehicle:
         return float(np.linalg.norm(np.linalg.solve(stiffness, force)))
 
     def any_load_bound(self, friction: FloatArray) -> float:
-        """Return an upper bound of the deceleration for all possible load distributions [m/s^2]."""
-        mean = float(np.max(friction)) * self.peak(np.array([self._weight / len(self.active)]))
-        return float(len(self.active) * mean[0] / self.masses.mass) + GRAVITY * self._loss
+        """Return an upper bound of the deceleration for all possible load distributions [m/s^2].
+
+        Args:
+            friction: friction factor of the ground under each braked wheel [1], at least one.
+        """
+        mean = float(np.max(friction)) * self.peak(np.array([self._weight / len(friction)]))
+        return float(len(friction) * mean[0] / self.masses.mass) + GRAVITY * self._loss
 
     def _solve(
         self, direction: FloatArray, case: Case, model: int, lifted: int | None = None
@@ -267,14 +272,17 @@ class LimitVehicle:
         """
         wheels = len(self.active)
         along, passive_along = self.active @ direction, self._passive @ direction
-        cap = np.minimum(case.friction * self.strongest_peak, case.torque * self.torque_force)
+        cap = np.minimum(case.friction * self.strongest_peak, case.torque / self.rim_lever)
         low, high = -cap, cap.copy()
         rows_eq, right_eq = self._loads(model, case.lag)
+        if case.straight or case.heading:
+            moment = np.concatenate((self.lever, self._passive_lever, np.zeros(wheels)))
+            rows_eq, right_eq = np.vstack((rows_eq, moment)), np.append(right_eq, 0.0)
         if case.straight:
             across = np.array([-direction[1], direction[0]])
-            lateral = [self.active @ across, self._passive @ across, np.zeros(wheels)]
-            wrench = np.block([lateral, [self.lever, self._passive_lever, np.zeros(wheels)]])
-            rows_eq, right_eq = np.vstack((rows_eq, wrench)), np.append(right_eq, (0.0, 0.0))
+            lateral = (self.active @ across, self._passive @ across, np.zeros(wheels))
+            rows_eq = np.vstack((rows_eq, np.concatenate(lateral)))
+            right_eq = np.append(right_eq, 0.0)
             dragged = np.abs(along) > _STANDING
             high[(along > 0.0) & dragged] = 0.0
             low[(along < 0.0) & dragged] = 0.0

@@ -12,6 +12,7 @@ braking with the same fault.
 """
 
 import dataclasses
+import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -19,6 +20,7 @@ import numpy as np
 
 from omni_runs.compiled import FastRun, run_fast_loop
 from omni_runs.experiment import WITHOUT_CAMERAS, ExperimentConfiguration, ExperimentLibrary
+from omni_runs.limit.bounds import heading_bound, maneuver_of
 from omni_sim.faults import CHANNELS, KINDS, FaultConfiguration
 from omni_sim.vehicle.configuration import WheelCondition
 from omni_tools.campaign.runner import digest
@@ -130,6 +132,9 @@ class StopWithFault(NamedTuple):
         assisting: whether the assistant still released a brake more than 0.5 s after the onset
             while the vehicle was faster than 1 m/s; also 1 if the vehicle was never that fast after
             this time.
+        bound: for a lost brake, lower bound of the distance of stops that keep the heading, divided
+            by the distance of the reference stop [1]; 0 for other faults, and if the vehicle
+            rotates at the start of braking.
     """
 
     seed: int
@@ -151,6 +156,7 @@ class StopWithFault(NamedTuple):
     all_on_distance: float
     all_on_rotation: float
     assisting: int
+    bound: float
 
     @property
     def group(self) -> str:
@@ -227,9 +233,13 @@ class FaultyStops:
                 for name in CHANNELS
             }
             all_on = _reference([run_fast_loop(dataclasses.replace(faulty, faults=lost))])
+            least = 0.0
+            if fault.kind == "brake":
+                question = faulty.vehicle, faulty.ground, maneuver_of(faulty.maneuver)
+                least = np.nan_to_num(heading_bound(*question, math.inf).distance)
         else:
             faults = _configurations(fault, time)
-            extent = "single" if len(faults) == 1 else "pair"
+            extent, least = "single" if len(faults) == 1 else "pair", 0.0
             faulty = dataclasses.replace(base, faults=faults)
             reference = all_on = self.reference(setting)
         run = run_fast_loop(faulty)
@@ -248,6 +258,7 @@ class FaultyStops:
             all_on_distance=all_on.distance / reference.distance,
             all_on_rotation=all_on.rotation - reference.rotation,
             assisting=int(_still_assists(run, base, fault)),
+            bound=float(least / reference.distance),
         )
 
     def reference(self, setting: Setting) -> Reference:

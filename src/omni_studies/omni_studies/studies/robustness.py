@@ -24,7 +24,7 @@ from omni_core.configuration import parameter
 from omni_runs.figures import style
 from omni_runs.metrics import Metric
 from omni_runs.options import LoopOptions
-from omni_studies.campaign import random_braking
+from omni_studies.campaign import lost_brakes, random_braking
 from omni_studies.campaign.random_braking import ALLOWED, Outcome
 from omni_studies.campaign.sensor_faults import FaultyStops, StopWithFault, limits, loss_of_twist
 from omni_studies.study import StudyResult, StudyRun
@@ -235,6 +235,7 @@ def _faults(options: _Faults, study: StudyRun) -> StudyResult:
     metrics = {"runs.all": Metric(len(stops), "1")}
     for group, chosen in groups.items():
         metrics |= _fault_metrics(group, chosen)
+    metrics |= lost_brakes.metrics(stops)
     rotation = loss_of_twist(work)
     metrics["rotation_after_loss.straight_line"] = Metric(rotation, "deg")
     worst = sorted(stops, key=lambda stop: -stop.distance)[: options.worst]

@@ -1,7 +1,7 @@
 """``./omni limit``: compute lower bounds of the stopping distance.
 
 Compute lower bounds of the stopping distance from friction, loads and pedal, both for stops that
-keep heading and line of motion and for all stops.
+keep heading and line of motion and for all stops, with all brakes or after the loss of brakes.
 """
 
 from __future__ import annotations
@@ -12,18 +12,25 @@ from typing import TYPE_CHECKING, Any
 
 from omni_core.commands.command_options import CommandOptions, option, overrides_option
 from omni_core.commands.command_report import Report
-from omni_core.configuration import ConfigurationError
+from omni_core.configuration import ConfigurationError, check_choice
 from omni_runs.workspace import ExperimentWorkspace
 
 if TYPE_CHECKING:
     from omni_core.commands.wrapped_table import WrappedTable
-    from omni_runs.experiment import ExperimentLibrary
+    from omni_runs.experiment import ExperimentConfiguration, ExperimentLibrary
     from omni_runs.limit.bounds import Maneuver
     from omni_sim.configuration import GroundConfiguration
     from omni_sim.vehicle.configuration import VehicleConfiguration
     from omni_tools.limit.front import Load
 
-_WORDS = {"bound": "keeps heading and line", "bound_any_heading": "any heading, any path"}
+_WORDS = {
+    "bound": "keeps heading and line",
+    "bound_heading": "keeps heading, any path",
+    "bound_any_heading": "any heading, any path",
+    "bound_all_brakes": "keeps heading and line, no brake lost",
+    "bound_heading_all_brakes": "keeps heading, any path, no brake lost",
+    "bound_any_heading_all_brakes": "any heading, any path, no brake lost",
+}
 
 WORK = "bounding the stop"
 
@@ -41,6 +48,10 @@ class Options(CommandOptions):
     """direction of motion of --vehicle, counter-clockwise from forward (default: 0)"""
     friction: float | None = option(None, minimum=0.0, maximum=2.0)
     """friction factor of the ground under --vehicle (default: 1)"""
+    lost_brake: tuple[str, ...] = option((), metavar="WHEEL")
+    """wheel whose brake has no torque; repeat the option for each such wheel"""
+    since: float | None = option(None, flag="--from", unit="s", minimum=0.0, maximum=3600.0)
+    """time from the start of braking to the loss of the brakes of --lost-brake (default: 0)"""
     best: bool = option(False)
     """also plan the shortest stops for several allowed rotations, and draw them together with
     the stops of the laws; takes minutes, requires CasADi"""
@@ -52,18 +63,30 @@ class Options(CommandOptions):
 def run(options: Options, workspace: ExperimentWorkspace) -> Report:
     """Compute the bounds, and with ``--best`` the shortest stops."""
     from omni_runs.figures.tables.comparison_table import ComparisonTable
-    from omni_runs.limit.bounds import any_heading_bound, maneuver_of, straight_bound
+    from omni_runs.limit.bounds import (
+        any_heading_bound,
+        heading_bound,
+        maneuver_of,
+        straight_bound,
+    )
     from omni_runs.metrics import Metric, results_document
 
     if options.out is not None and not options.best:
         raise ConfigurationError("--out", "can only be used with --best, which draws a figure")
     name, load = _question(options, workspace.checked_experiments())
-    experiment = load(())
+    sound = load(())
+    maneuver = maneuver_of(sound.maneuver)
+    loss = _loss(options, sound)
+    experiment = load(loss)
     vehicle, ground = experiment.vehicle, experiment.ground
-    maneuver = maneuver_of(experiment.maneuver)
     bounds = {
-        "bound": straight_bound(vehicle, ground, maneuver),
-        "bound_any_heading": any_heading_bound(vehicle, ground, maneuver),
+        f"{case}{word}": bound_of(one.vehicle, one.ground, maneuver)
+        for word, one in {"": experiment, **({"_all_brakes": sound} if loss else {})}.items()
+        for case, bound_of in {
+            "bound": straight_bound,
+            "bound_heading": heading_bound,
+            "bound_any_heading": any_heading_bound,
+        }.items()
     }
     metrics = {
         case: {
@@ -78,7 +101,7 @@ def run(options: Options, workspace: ExperimentWorkspace) -> Report:
         from omni_runs.figures.style import save_figure
         from omni_tools.limit.front import draw_front, front
 
-        stops = front(load, maneuver)
+        stops = front(lambda changes: load((*loss, *changes)), maneuver)
         metrics |= {
             case: {
                 "stopping_distance": Metric(stop.distance, "m"),
@@ -133,12 +156,32 @@ def _question(options: Options, library: ExperimentLibrary) -> tuple[str, Load]:
     )
 
 
+def _loss(options: Options, experiment: ExperimentConfiguration) -> tuple[str, ...]:
+    """Return the overrides of the experiment with which the given brakes are lost.
+
+    Raises:
+        ConfigurationError: the vehicle has no such wheel, or options contradict each other.
+    """
+    if options.since is not None and not options.lost_brake:
+        raise ConfigurationError("--from", "can only be used with --lost-brake")
+    if options.since and options.best:
+        raise ConfigurationError(
+            "--from", "cannot be used with --best, which plans for brakes lost from the start"
+        )
+    for wheel in options.lost_brake:
+        check_choice("--lost-brake", wheel, experiment.vehicle.wheels)
+    onset = experiment.maneuver.brake_time + (options.since or 0.0)
+    changes = ("brake=0", f"onset={onset}")
+    return tuple(f"vehicle.conditions.{w}.{c}" for w in options.lost_brake for c in changes)
+
+
 def _forces(
     vehicle: VehicleConfiguration, ground: GroundConfiguration, maneuver: Maneuver
 ) -> WrappedTable:
     """Return a table of the wheel forces at the largest deceleration without rotation.
 
-    The friction is that of the ground without its patches.
+    The friction is that of the ground without its patches. Brakes have failed as at the end of the
+    stop.
     """
     import numpy as np
 
@@ -146,7 +189,8 @@ def _forces(
     from omni_runs.limit.forces import Case, LimitVehicle
 
     velocity = maneuver.twist[:2]
-    case = Case(np.full(len(vehicle.wheels), ground.friction), straight=True)
+    torque = np.where(vehicle.by_wheel("brake") > 0.0, math.inf, 0.0)
+    case = Case(np.full(len(vehicle.wheels), ground.friction), straight=True, torque=torque)
     best = LimitVehicle(vehicle).strongest(velocity / math.hypot(*velocity), case)
     wheels = [] if best is None else [wheel.replace("_", " ") for wheel in vehicle.wheels]
     columns = {} if best is None else {"force": np.abs(best.force), "load": best.load}

@@ -1,14 +1,15 @@
 """``./omni ros-params``: write parameter files for a real vehicle.
 
 Convert a vehicle file, or the configuration of a run, to the parameter files of odometry and
-assistant and to a URDF; docs/real_vehicle.md explains their use.
+assistant, to a URDF, and to the kinematics of mecanum_drive_controller or
+omni_wheel_drive_controller; docs/real_vehicle.md explains their use.
 """
 
 from pathlib import Path
 
 from omni_core.brakes import TYPICAL
 from omni_core.commands.command_options import CommandOptions, option
-from omni_core.commands.command_report import Report, make_folder
+from omni_core.commands.command_report import Report, make_folder, write_text
 from omni_core.configuration import ConfigurationError, check_choice
 from omni_runs.workspace import ExperimentWorkspace
 
@@ -42,6 +43,7 @@ def run(options: Options, workspace: ExperimentWorkspace) -> Report:
     from omni_core.sensors import heading_remarks
     from omni_runs.graph.hardware import read_hardware, write_parameters
     from omni_sim.vehicle.rollers import roller_remarks
+    from omni_tools.robot_files.controllers import PACKAGES, controller_file, controller_of
 
     hardware = read_hardware(options.configuration, workspace.experiment_library())
     for remark in roller_remarks(hardware.brake_assist.wheels):
@@ -65,5 +67,10 @@ def run(options: Options, workspace: ExperimentWorkspace) -> Report:
         warning = warning_of(summary, own, options.source, hardware.brake_assist, imu)
     if warning:
         workspace.note(warning)
-    written = write_parameters(hardware, make_folder(options.out), warning, options.brakes)
+    folder = make_folder(options.out)
+    written = write_parameters(hardware, folder, warning, options.brakes)
+    controller = controller_of(hardware.brake_assist.wheels)
+    if controller is not None:
+        path = folder / f"{PACKAGES[controller.kind]}.yaml"
+        written.append(write_text(path, controller_file(controller)))
     return Report(details={"files": list(map(str, written))}, text=map(str, written))

@@ -2,14 +2,15 @@
 
 Write the files of a vehicle, its line cameras and an example stop into a folder. Estimated values
 are marked, and implausible values are reported. On a terminal, the command asks for values that are
-not given.
+not given. With --from, the values are those of the files of a robot: its description, and the
+parameters of its controller. Values that these files contradict or lack are listed.
 """
 
 import contextlib
 import dataclasses
 import shlex
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -50,6 +51,13 @@ class Options(CommandOptions):
     brakes: str | None = option(
         None, choices=tuple(BRAKES), description=f"{BRAKES_IN_WORDS} (default: on_off)"
     )
+    files: tuple[str, ...] = option((), flag="--from", metavar="FILE", many=True)
+    """URDF or xacro file of the robot, parameter files of its controllers, and values of arguments
+    of the xacro file as ARGUMENT:=VALUE"""
+    trust: bool = option(False)
+    """evaluate any Python in the xacro files, which may then do anything that you may do"""
+    skip_missing: bool = option(False)
+    """leave out what the xacro files include from packages that are missing"""
     out: Path | None = option(None, metavar="DIR")
     """new folder for the files (default: NAME)"""
 
@@ -60,15 +68,22 @@ def run(options: Options, workspace: ExperimentWorkspace) -> Report:
     from omni_runs.graph.run_folder import unused
     from omni_runs.plausibility import remarks
     from omni_sim.vehicle.plausibility import wheel_facts
-    from omni_tools.vehicles.estimates import Measured, write_vehicle
+    from omni_tools.vehicles.estimates import Measured, MeasuredByFiles, write_vehicle
+    from omni_tools.vehicles.from_files import described_vehicle, known_values
 
     folder = unused(options.out or Path(options.name))
-    answers = _answers(options)
+    found = None
+    if options.files:
+        given = options.kind and (_OMNI if options.kind == _KIWI else options.kind)
+        how = {"trust": options.trust, "skip_missing": options.skip_missing}
+        found = described_vehicle(options.files, given, options.wheel_radius, **how)
+    answers = _answers(options, {} if found is None else found.measured)
     try:
-        measured = from_mapping(Measured, answers)
+        measured = from_mapping(Measured if found is None else MeasuredByFiles, answers)
     except ConfigurationError as error:
         raise ConfigurationError(option_of(Options, error.key), error.problem) from None
-    paths = write_vehicle(options.name, measured, make_folder(folder))
+    known = None if found is None else known_values(options.name, found, measured)
+    paths = write_vehicle(options.name, measured, make_folder(folder), known)
     experiment = workspace.experiment_library().load(str(folder / "experiment.yaml"), "assisted")
     facts = wheel_facts(experiment.vehicle, experiment.ground.friction)
     notes = list(remarks(experiment))
@@ -79,7 +94,11 @@ def run(options: Options, workspace: ExperimentWorkspace) -> Report:
                 for name, fact in facts.items()
             }
         ),
-        details={"notes": notes, "files": list(map(str, paths))},
+        details={
+            "notes": notes,
+            **({} if found is None else found.lists),
+            "files": list(map(str, paths)),
+        },
         files=paths,
         hints=(
             *(
@@ -87,6 +106,8 @@ def run(options: Options, workspace: ExperimentWorkspace) -> Report:
                 f"brake force {plain(fact.brake_force)} N"
                 for name, fact in facts.items()
             ),
+            *(f"contradiction: {one}" for one in (found.contradictions if found else ())),
+            *(f"missing: {one}" for one in (found.questions if found else ())),
             *(f"note: {note}" for note in notes),
             "estimates are marked in vehicle.yaml; replace what you can measure",
             f"run a stop: ./omni run {shlex.quote(str(folder / 'experiment.yaml'))}",
@@ -95,20 +116,37 @@ def run(options: Options, workspace: ExperimentWorkspace) -> Report:
     )
 
 
-def _answers(options: Options) -> dict[str, Any]:
-    """Return the values of `Measured` from the options; ask on the terminal for missing values."""
+def _answers(options: Options, described: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the values of `Measured`; ask on the terminal for missing values.
+
+    Args:
+        options: options of the command, which come first.
+        described: values from the files of a robot.
+
+    Raises:
+        ConfigurationError: a value is missing, and there is no terminal; all are named.
+    """
     from omni_tools.vehicles.estimates import Measured
 
     values: dict[str, Any] = {}
+    lacking: list[ConfigurationError] = []
     for name, kind, info in declared_parameters(Measured):
         usual: Any = getattr(Measured, name, None)
         if name == "wheels":
             usual = _USUAL[values["kind"]]
         given = getattr(options, name)
+        if given is None and described:  # only what the files lack is asked for
+            given = described.get(name, usual)
         words = f"{info.description} [{info.unit}]" if info.unit else info.description
         choices = KINDS if name == "kind" else info.choices
         flag = f"--{name.replace('_', '-')}"
-        values[name] = _entered(flag, words, kind, choices, usual) if given is None else given
+        try:
+            values[name] = _entered(flag, words, kind, choices, usual) if given is None else given
+        except ConfigurationError as error:
+            lacking.append(error)
+    if lacking:
+        flags = ", ".join(error.key for error in lacking)
+        raise ConfigurationError(flags, ", ".join(error.problem for error in lacking))
     if values["kind"] == _KIWI:
         if values["wheels"] != _USUAL[_KIWI]:
             raise ConfigurationError("--wheels", f"{values['wheels']} must be 3 for a kiwi")

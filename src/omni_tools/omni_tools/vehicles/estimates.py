@@ -1,6 +1,7 @@
 """Creation of a vehicle's files from a few measurements; every estimated value is marked."""
 
 import math
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -14,7 +15,7 @@ from omni_core.configuration import (
 )
 from omni_core.geometry import TYPICAL_WIDTH
 from omni_core.quantities import GRAVITY
-from omni_runs.yaml_files import commented_yaml
+from omni_runs.yaml_files import commented_yaml, merge
 from omni_sim.tire.tire import TireConfiguration
 from omni_sim.wheel.roller_geometry import RollerConfiguration
 
@@ -58,6 +59,31 @@ class Measured(Configuration):
             )
 
 
+class MeasuredByFiles(Measured):
+    """Measured values of a vehicle whose files give the positions of the wheels."""
+
+    def check_consistency(self) -> None:
+        """Accept any wheels: their number and positions are those of the files."""
+
+
+class KnownValues(NamedTuple):
+    """Values that replace the estimates of a vehicle's files.
+
+    Attributes:
+        heading: text at the beginning of the vehicle's file.
+        vehicle: nested values of the vehicle's file; `wheels` replaces all wheels.
+        cameras: positions and headings of cameras that look at the ground, keyed by name.
+        experiment: nested values of the experiment's file.
+        sources: where the values come from, keyed by dotted key of the vehicle's file.
+    """
+
+    heading: str
+    vehicle: Mapping[str, Any]
+    cameras: Mapping[str, Mapping[str, float]]
+    experiment: Mapping[str, Any]
+    sources: Mapping[str, str]
+
+
 class Estimates(NamedTuple):
     """Ratios and typical values from which the unmeasured values of a vehicle are estimated.
 
@@ -85,13 +111,16 @@ class Estimates(NamedTuple):
 _USUAL = Estimates()
 
 
-def write_vehicle(name: str, measured: Measured, folder: Path) -> list[Path]:
+def write_vehicle(
+    name: str, measured: Measured, folder: Path, known: KnownValues | None = None
+) -> list[Path]:
     """Write the files of a vehicle with estimated values, its cameras, and an example stop.
 
     Args:
         name: name of the vehicle, used in comments.
         measured: measured values of the vehicle.
         folder: folder of the files, created if it is missing.
+        known: values that replace estimates; None for none.
 
     Returns:
         Paths of the written files.
@@ -99,13 +128,16 @@ def write_vehicle(name: str, measured: Measured, folder: Path) -> list[Path]:
     folder.mkdir(parents=True, exist_ok=True)
     parts = {"vehicle": _vehicle, "sensors": _sensors, "experiment": _experiment}
     for part, text in parts.items():
-        (folder / f"{part}.yaml").write_text(text(name, measured), encoding="utf-8")
+        (folder / f"{part}.yaml").write_text(text(name, measured, known), encoding="utf-8")
     return [folder / f"{part}.yaml" for part in parts]
 
 
-def _vehicle(name: str, measured: Measured) -> str:
+def _vehicle(name: str, measured: Measured, known: KnownValues | None) -> str:
     mass, radius = measured.mass + measured.load, measured.wheel_radius
-    wheels = _omni_wheels(measured) if measured.kind == _OMNI else _mecanum_wheels(measured)
+    if known is not None:
+        wheels = known.vehicle["wheels"]
+    else:
+        wheels = _omni_wheels(measured) if measured.kind == _OMNI else _mecanum_wheels(measured)
     carried = mass * GRAVITY / len(wheels)
     wheel_mass = math.pi * radius**2 * (TYPICAL_WIDTH * 2.0 * radius) * _USUAL.density
     locking = _USUAL.brake * carried * radius
@@ -149,13 +181,18 @@ def _vehicle(name: str, measured: Measured) -> str:
     }
     if not measured.drive_torque:
         notes["drive.max_torque"] = "the brake's"
-    return commented_yaml(
-        values,
-        f"{name}, {measured.length:g} m x {measured.width:g} m, made by ./omni new-vehicle. "
-        "Size, mass\nand radius of the wheels are measured. Replace estimates by measured values, "
-        "the yaw inertia\nand the brakes first.",
-        {key: f"estimate: {note}" for key, note in notes.items()},
-    )
+    notes = {key: f"estimate: {note}" for key, note in notes.items()}
+    if known is not None:
+        values, notes = merge(values, known.vehicle), {**notes, **known.sources}
+        return commented_yaml(values, known.heading, notes)
+    return commented_yaml(values, f"{name}, {_HEADING.format(**to_mapping(measured))}", notes)
+
+
+_HEADING = (
+    "{length:g} m x {width:g} m, made by ./omni new-vehicle. Size, mass\n"
+    "and radius of the wheels are measured. Replace estimates by measured values, the yaw inertia\n"
+    "and the brakes first."
+)
 
 
 def _brake(measured: Measured, locking: float) -> tuple[dict[str, Any], str]:
@@ -279,46 +316,58 @@ def _stiffer(largest_load: float, radius: float) -> float:
     return largest_load / TireConfiguration().largest_load * _USUAL.radius / radius
 
 
-def _sensors(name: str, measured: Measured) -> str:
+def _sensors(name: str, measured: Measured, known: KnownValues | None) -> str:
     x, y = _round(0.35 * measured.length), _round(0.35 * measured.width)
     places = {"left": (0.0, y, 0.0), "right": (0.0, -y, 0.0), "front": (x, 0.0, 90.0)}
-    camera = {"pixels": 1024, "length": 0.05, "width": 0.02, "line_rate": 2500.0}
-    return commented_yaml(
-        {
-            camera_name: {"x": place[0], "y": place[1], "heading_deg": place[2], **camera}
-            for camera_name, place in places.items()
-        },
+    found = {} if known is None else dict(known.cameras)
+    middle = {} if known is None else known.vehicle
+    c_x, c_y = middle.get("chassis_x", 0.0), middle.get("chassis_y", 0.0)
+    heading = (
         f"Three line cameras under {name}, as section 4.4 suggests; ./omni design-sensors finds\n"
-        "better positions. Their axes are tangential, so that all cameras measure the yaw rate.",
+        "better positions. Their axes are tangential, so that all cameras measure the yaw rate."
     )
+    if found:
+        heading = f"Line cameras under {name}, at the links of its files" + (
+            "." if len(found) >= len(places) else ", and three more, as section 4.4 suggests."
+        )
+    if len(found) < len(places):  # fewer cannot measure the twist
+        found |= {
+            camera: {
+                "x": _round(c_x + place[0]),
+                "y": _round(c_y + place[1]),
+                "heading_deg": place[2],
+            }
+            for camera, place in places.items()
+        }
+    camera = {"pixels": 1024, "length": 0.05, "width": 0.02, "line_rate": 2500.0}
+    return commented_yaml({key: {**place, **camera} for key, place in found.items()}, heading)
 
 
-def _experiment(name: str, measured: Measured) -> str:
+def _experiment(name: str, measured: Measured, known: KnownValues | None) -> str:
     speed = min(_round(math.sqrt(2.0 * _USUAL.deceleration * 3.0 * measured.length), 2), 10.0)
     kind = BRAKES[measured.brakes]
     law = {"law": kind.law} if kind.law else {}
-    return commented_yaml(
-        {
-            "description": f"{name} stops from {speed:g} m/s",
-            "vehicle": "vehicle.yaml",
-            "ground": "cork",
-            "sensors": "sensors.yaml",
-            "maneuver": {"speed": speed, "brake_time": 0.3},
-            "brake_assist": {
-                **law,
-                "weighting": "enhanced",
-                "k": 7,
-                "nominal_mass": _round(measured.mass + measured.load),
-                # A coil must not be switched again before its slower operation is complete.
-                "minimum_dwell_time": kind.typical.get("release_time", 0.0),
-            },
-            "variants": {
-                "unassisted": {"brake_assist": {"enabled": False}},
-                "assisted": {"brake_assist": {"enabled": True}},
-            },
+    values = {
+        "description": f"{name} stops from {speed:g} m/s",
+        "vehicle": "vehicle.yaml",
+        "ground": "cork",
+        "sensors": "sensors.yaml",
+        "maneuver": {"speed": speed, "brake_time": 0.3},
+        "brake_assist": {
+            **law,
+            "weighting": "enhanced",
+            "k": 7,
+            "nominal_mass": _round(measured.mass + measured.load),
+            # A coil must not be switched again before its slower operation is complete.
+            "minimum_dwell_time": kind.typical.get("release_time", 0.0),
         },
-        f"A stop of {name}; run it with ./omni run and the path of this file.",
-    )
+        "variants": {
+            "unassisted": {"brake_assist": {"enabled": False}},
+            "assisted": {"brake_assist": {"enabled": True}},
+        },
+    }
+    heading = f"A stop of {name}; run it with ./omni run and the path of this file."
+    return commented_yaml(values if known is None else merge(values, known.experiment), heading)
 
 
 def _round(value: float, digits: int = 4) -> float:

@@ -1,0 +1,58 @@
+"""Stops that lose a brake, beside the bound for stops that keep the heading."""
+
+from pathlib import Path
+
+import pytest
+
+from omni_runs.experiment import ExperimentLibrary
+from omni_studies.campaign.lost_brakes import THREE_WHEELS, metrics
+from omni_studies.campaign.sensor_faults import FaultyStops, SensorFault, Setting, StopWithFault
+
+LIBRARY = ExperimentLibrary(Path(__file__).parents[4] / "config")
+_SETTING = Setting("sliding_mode", True, "six_wheels")
+
+
+def _lost(onset: float) -> SensorFault:
+    return SensorFault("brake", "brake", 0, onset, 0.0, 0.1)
+
+
+@pytest.fixture(scope="module")
+def stops() -> FaultyStops:
+    return FaultyStops(LIBRARY)
+
+
+def test_a_lost_brake_has_a_bound_that_a_later_loss_lowers(stops: FaultyStops) -> None:
+    early, late = (stops.run(_SETTING, _lost(onset)) for onset in (-9.0, 0.5))
+    # With the loss from the start, all brakes on is the reference of the stop and of its bound.
+    assert early.bound <= 1.0
+    assert late.bound / late.all_on_distance <= 1.02
+    found = metrics([early, late])
+    assert found["runs.sliding_mode_imu_brake_lost_before"].value == 1
+    ratio = found["over_bound_worst.sliding_mode_imu_brake_lost_during"]
+    assert ratio.value == pytest.approx(late.distance / late.bound)
+
+
+def test_only_a_lost_brake_of_a_vehicle_that_does_not_rotate_has_a_bound(
+    stops: FaultyStops,
+) -> None:
+    stuck = stops.run(_SETTING, SensorFault("brake", "stuck_brake", 0, 0.5, 0.5, 0.1))
+    rotating = stops.run(Setting("sliding_mode", True, "turn_while_translate"), _lost(0.5))
+    assert stuck.bound == rotating.bound == 0.0
+    assert "bounded.sliding_mode_imu_brake_lost_during" not in metrics([stuck])
+
+
+def test_three_wheels_are_counted_with_and_without_the_assistant(stops: FaultyStops) -> None:
+    stop = stops.run(Setting("sliding_mode", True, THREE_WHEELS), _lost(0.3))
+    assert not stop.rest  # the vehicle circles
+    assert not stop.counted
+    rows: list[StopWithFault] = [
+        stop,
+        stop._replace(rest=1),
+        stop._replace(counted=1),
+        stop._replace(counted=1, rest=1),
+    ]
+    found = {name: metric.value for name, metric in metrics(rows).items()}
+    assert found["runs.sliding_mode_three_wheels"] == 4
+    assert found["not_at_rest.sliding_mode_three_wheels"] == 2
+    assert found["not_at_rest_all_on.sliding_mode_three_wheels"] == 2
+    assert found["not_at_rest_assisted_alone.sliding_mode_three_wheels"] == 1

@@ -1,0 +1,1 @@
+"""Mass, center of gravity and wheel loads of a vehicle from its motion."""

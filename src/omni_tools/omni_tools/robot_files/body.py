@@ -1,0 +1,177 @@
+"""Masses, chassis and sensors of a robot description."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Sequence
+
+import numpy as np
+
+from omni_core.quantities import FloatArray, plain
+from omni_tools.robot_files.controllers import DIFFERENT, wrapped
+from omni_tools.robot_files.described import INVALID, Described, mean_radius, rounded, some
+from omni_tools.robot_files.links import Robot
+from omni_tools.robot_files.wheels import DescribedWheel
+
+_IMU = re.compile(r"(^|[/_])imu\d*($|[/_])", re.IGNORECASE)
+_CAMERA = re.compile(r"cam(era)?\d*($|[/_])|line_?scan|flow|otos|pmw3901|paa5100", re.IGNORECASE)
+_LIGHTEST = 0.1  # smallest mass of a vehicle; less stands for an unknown mass [kg]
+_DOWN = -0.7  # limit on the vertical part of the direction of view of a camera at the ground
+_SPAN = 0.5  # smallest plausible ratio of the chassis to the wheelbase, or to the track [1]
+
+
+def ground_height(
+    found: Described, robot: Robot, wheels: Sequence[DescribedWheel], base: str
+) -> float | None:
+    """Return the height of the ground in base_link [m]; None if no radius is known."""
+    radius = mean_radius(found)
+    if not radius:
+        return None
+    axle = float(np.mean([wheel.place[2] for wheel in wheels]))
+    footprint = next((name for name in robot.links if name.endswith("footprint")), None)
+    if footprint is not None:
+        height = axle - float(robot.pose(footprint, base)[2, 3])
+        if abs(height - radius) > DIFFERENT * radius + 1e-3:
+            found.contradictions.append(
+                f"height of the axles: {plain(height, 4)} m above {footprint} in {robot.file}, but "
+                f"the radius is {plain(radius, 4)} m; used: the radius; measure the height of the "
+                "axle of the loaded wheel"
+            )
+    return axle - radius
+
+
+def weigh(
+    found: Described,
+    robot: Robot,
+    wheels: Sequence[DescribedWheel],
+    base: str,
+    ground: float | None,
+) -> None:
+    """Enter mass, center of gravity and moments of inertia, summed over all links."""
+    mass = sum(link.mass for link in robot.links.values())
+    lacking = [n for n, one in robot.links.items() if not one.mass and (one.shapes or one.meshes)]
+    if mass < _LIGHTEST:
+        problem = f"{robot.file} contains no plausible mass ({plain(mass)} kg)"
+        found.questions.append(f"{problem}; what does the robot weigh? (--mass)")
+        return
+    if lacking:
+        found.questions.append(
+            f"{some(lacking)} have shapes but no mass; "
+            f"does the robot weigh {plain(mass, 4)} kg? (--mass)"
+        )
+    center, inertia = _mass_center(robot, base, mass)
+    found.mass = rounded(mass)
+    found.center = None if ground is None else center - np.array((0.0, 0.0, ground))
+    source = f"summed over the links of {robot.file}"
+    found.sources |= dict.fromkeys(("body.mass", "body.x"), source)
+    reach = 0.5 * math.hypot(found.measured["length"], found.measured["width"])
+    found.yaw_inertia = _possible(found, "body.yaw_inertia", inertia, mass * reach**2, source)
+    ring = float(np.mean([_wheel_mass(robot, one) for one in wheels])) * mean_radius(found) ** 2
+    own = float(np.mean([wheel.inertia for wheel in wheels]))
+    found.wheel_inertia = _possible(found, "wheel_inertia", own, ring, f"links of {robot.file}")
+
+
+def _mass_center(robot: Robot, base: str, mass: float) -> tuple[FloatArray, float]:
+    """Return the center of gravity in the link `base` [m], and the yaw inertia [kg m^2]."""
+    poses = {name: robot.pose(name, base) for name in robot.links}
+    points = {
+        name: poses[name][:3, :3] @ link.center + poses[name][:3, 3]
+        for name, link in robot.links.items()
+    }
+    center = np.zeros(3)
+    for name, link in robot.links.items():
+        center = center + link.mass / mass * points[name]
+    inertia = 0.0
+    for name, link in robot.links.items():
+        up = poses[name][2, :3]  # the vertical of the base in the frame of the link
+        inertia += float(up @ link.inertia @ up)
+        inertia += link.mass * float(np.sum((points[name] - center)[:2] ** 2))
+    return center, inertia
+
+
+def _wheel_mass(robot: Robot, wheel: DescribedWheel) -> float:
+    child = robot.joints[wheel.joint].child
+    return sum(robot.links[name].mass for name in robot.below(child))
+
+
+def _possible(found: Described, key: str, inertia: float, most: float, source: str) -> float | None:
+    """Return a moment of inertia, or None if no body of this mass and size can have it.
+
+    Args:
+        found: receives the source, or a contradiction.
+        key: key of the moment in the vehicle's file.
+        inertia: described moment [kg m^2].
+        most: moment of the mass at the edge of the body [kg m^2]; 0 if unknown.
+        source: where the moment comes from.
+    """
+    if inertia <= 0.0:
+        return None
+    if inertia > most > 0.0:
+        found.contradictions.append(
+            f"{key}: {plain(inertia)} kg m^2 in {source}, but mass and size permit at most "
+            f"{plain(most)} kg m^2; used: an estimate; correct the inertia of the links"
+        )
+        return None
+    found.sources[key] = source
+    return inertia
+
+
+def measure_chassis(
+    found: Described, robot: Robot, wheels: Sequence[DescribedWheel], base: str
+) -> None:
+    """Enter the extent of the shapes that are fixed to base_link, without the wheels."""
+    of_wheels = {n for w in wheels for n in robot.below(robot.joints[w.joint].child)}
+    links = [robot.links[name] for name in robot.rigid(base) if name not in of_wheels]
+    places = np.array([wheel.place[:2] for wheel in wheels])
+    meshes = [link.name for link in links if link.meshes]
+    for of in ("collision", "visual"):
+        corners = [
+            shape.corners @ pose[:3, :3].T + pose[:3, 3]
+            for link in links
+            for pose in [robot.pose(link.name, base)]
+            for shape in link.shapes
+            if shape.of == of
+        ]
+        if corners:
+            both = np.concatenate(corners)[:, :2]
+            if np.all(np.ptp(both, axis=0) > _SPAN * np.ptp(places, axis=0)):
+                found.chassis = np.array([both.min(axis=0), both.max(axis=0)])
+                source = f"{of} shapes of {robot.file}"
+                found.sources |= {"chassis_length": source, "chassis_width": source}
+                break
+    if found.chassis is None:
+        source = "estimate: around the wheels"
+        found.sources |= {"chassis_length": source, "chassis_width": source}
+    if found.chassis is None or meshes:
+        what = f"the meshes of {some(meshes)}" if meshes else "the chassis"
+        found.questions.append(
+            f"{what} are not measured: how long and wide is the chassis? (--length, --width)"
+        )
+
+
+def find_sensors(found: Described, robot: Robot, base: str) -> None:
+    """Enter the IMU, and the cameras that look at the ground."""
+    imus = [name for name in robot.links if _IMU.search(name)]
+    if imus:
+        poses = [robot.pose(name, base) for name in imus]
+        found.imu = poses[0]
+        if max(math.dist(pose[:2, 3], poses[0][:2, 3]) for pose in poses) > 1e-3:
+            found.contradictions.append(f"IMU: {', '.join(imus)}; used: {imus[0]}")
+    else:
+        found.questions.append("no link is an IMU: is there one, and where? (imu_x, imu_y)")
+    ahead = []
+    for name in (name for name in robot.links if _CAMERA.search(name)):
+        if name in robot.parents and _CAMERA.search(robot.parents[name].parent):
+            continue  # a further frame of the same camera
+        pose = robot.pose(name, base)
+        if pose[2, 2 if "optical" in name else 0] < _DOWN:
+            heading = wrapped(math.degrees(math.atan2(pose[1, 1], pose[0, 1])))
+            x, y = (round(float(value), 6) + 0.0 for value in pose[:2, 3])
+            found.cameras[INVALID.sub("_", name)] = {"x": x, "y": y, "heading_deg": heading}
+        else:
+            ahead.append(name)
+    if ahead:
+        found.questions.append(
+            f"no view of the ground: {some(ahead)}; which sensor measures the speed over it?"
+        )

@@ -1,0 +1,334 @@
+"""Kinematics of the controllers of ros2_control, read from and written to their parameters.
+
+``mecanum_drive_controller`` and ``omni_wheel_drive_controller`` as published by ros-controls, and
+controllers of robots that name the same quantities otherwise (`_NAMES`).
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from omni_core.configuration import ConfigurationError
+from omni_core.geometry import PlatformGeometry, WheelMount, turned
+from omni_runs.yaml_files import commented_yaml, read_mapping
+
+MECANUM, OMNI = "mecanum", "omni"
+PACKAGES = {MECANUM: "mecanum_drive_controller", OMNI: "omni_wheel_drive_controller"}
+CLASSES = {
+    MECANUM: "mecanum_drive_controller/MecanumDriveController",
+    OMNI: "omni_wheel_drive_controller/OmniWheelDriveController",
+}
+
+# Corners of a vehicle and the signs of x and y, in the order of the published parameters.
+CORNERS = {
+    "front_left": (1.0, 1.0),
+    "front_right": (1.0, -1.0),
+    "rear_right": (-1.0, -1.0),
+    "rear_left": (-1.0, 1.0),
+}
+_JOINT = re.compile(r"(front|rear|back)_(left|right)_(?!.*state)(?!.*multiplier).*name")
+# Names of a quantity without the prefix `kinematics.`; those of the published controllers first.
+_NAMES = {
+    "radius": ("wheels_radius", "wheel_radius"),
+    "sum": ("sum_of_robot_center_projection_on_X_Y_axis",),
+    "wheelbase": ("wheel_separation_x", "wheel_base", "wheelbase"),
+    "track": ("wheel_separation_y", "wheel_separation", "wheel_track", "track_width"),
+    "robot_radius": ("robot_radius",),
+    "wheel_offset": ("wheel_offset",),
+}
+_FACTOR = "_wheel_radius_multiplier"
+# Difference of two values of the same length that is more than a rounding to three digits [1].
+DIFFERENT = 0.01
+
+
+class Controller(NamedTuple):
+    """Kinematics of a controller; a quantity that its parameters lack is None.
+
+    Attributes:
+        name: name of the controller and of its file, for messages.
+        kind: `MECANUM` or `OMNI`.
+        joints: names of the wheel joints; keyed by corner, or by number for omni-wheels.
+        radius: radius of the wheels [m].
+        factors: factors of the radius of single wheels [1], keyed as the joints; 1 for others.
+        sum: half of wheelbase plus track [m].
+        wheelbase: distance of the front axle from the rear axle [m].
+        track: distance of the left wheels from the right wheels [m].
+        offset: position [m, m] and heading [rad] of the base frame in the frame at the center.
+        robot_radius: distance of omni-wheels from the center [m].
+        wheel_offset: direction of the first omni-wheel from the center [rad].
+        base: frame of the twist; empty if none is given.
+        keys: names of the parameters in the file, keyed by attribute.
+    """
+
+    name: str
+    kind: str
+    joints: Mapping[str, str]
+    radius: float | None
+    factors: Mapping[str, float]
+    sum: float | None
+    wheelbase: float | None
+    track: float | None
+    offset: tuple[float, float, float]
+    robot_radius: float | None
+    wheel_offset: float | None
+    base: str
+    keys: Mapping[str, str]
+
+    @property
+    def lever(self) -> float | None:
+        """Half of wheelbase plus track [m]; None if unknown."""
+        if self.sum is not None or self.wheelbase is None or self.track is None:
+            return self.sum
+        return 0.5 * (self.wheelbase + self.track)
+
+    def wheels(self) -> dict[str, WheelMount] | None:
+        """Return the wheels in the base frame, keyed by joint; None if a length is unknown.
+
+        The rollers form an X seen from above, which is the convention of the published controller.
+        """
+        if self.radius is None:
+            return None
+        if self.kind == OMNI:
+            if self.robot_radius is None:
+                return None
+            count, first = len(self.joints), self.wheel_offset or 0.0
+            angles = [first + 2.0 * math.pi * row / count for row in range(count)]
+            places = [self.robot_radius * np.array((math.cos(a), math.sin(a))) for a in angles]
+            headings = [angle - 0.5 * math.pi for angle in angles]
+            rollers = [0.0] * count
+        else:
+            if self.wheelbase is None or self.track is None:
+                return None
+            half = 0.5 * np.array((self.wheelbase, self.track))
+            places = [half * CORNERS[corner] for corner in self.joints]
+            headings = [0.0] * len(places)
+            rollers = [-45.0 * math.prod(CORNERS[corner]) for corner in self.joints]
+        x, y, theta = self.offset
+        inside = turned(np.array(places) - (x, y), -theta)
+        return {
+            name: WheelMount(
+                x=float(place[0]),
+                y=float(place[1]),
+                heading_deg=wrapped(math.degrees(heading - theta)),
+                roller_angle_deg=roller,
+                radius=self.radius * self.factors.get(key, 1.0),
+            )
+            for (key, name), place, heading, roller in zip(
+                self.joints.items(), inside, headings, rollers, strict=True
+            )
+        }
+
+
+def wrapped(angle: float) -> float:
+    """Return an angle between -180 and 180 deg."""
+    return (angle + 180.0) % 360.0 - 180.0
+
+
+def read_controllers(path: Path) -> list[Controller]:
+    """Return the drive controllers in a parameter file, which may contain any other nodes.
+
+    Raises:
+        ConfigurationError: the file is not YAML, or a parameter of such a controller is invalid.
+    """
+    nodes = dict(_nodes(read_mapping(path, "--from"), ""))
+    types = {
+        key.removesuffix(".type"): str(value)
+        for values in nodes.values()
+        for key, value in values.items()
+        if key.endswith(".type")
+    }
+    found = []
+    for node, values in nodes.items():
+        name = node.rpartition("/")[2]
+        kind = _kind(types.get(name, ""), values)
+        if kind:
+            found.append(_controller(f"{name} ({path.name})", kind, values))
+    return found
+
+
+def _nodes(tree: Mapping[str, Any], above: str) -> Iterator[tuple[str, dict[str, Any]]]:
+    """Yield the path and the parameters, keyed by dotted name, of each node of a parameter file."""
+    for name, value in tree.items():
+        if name == "ros__parameters" and isinstance(value, Mapping):
+            yield above, dict(_flat(value, ""))
+        elif isinstance(value, Mapping):
+            yield from _nodes(value, f"{above}/{name}".replace("//", "/"))
+
+
+def _flat(tree: Mapping[str, Any], above: str) -> Iterator[tuple[str, Any]]:
+    for name, value in tree.items():
+        key = f"{above}{name}"
+        yield from _flat(value, f"{key}.") if isinstance(value, Mapping) else ((key, value),)
+
+
+def _kind(declared: str, values: Mapping[str, Any]) -> str:
+    """Return the kind of a drive controller; empty for any other node."""
+    names = [name for key, name in CLASSES.items()]
+    corners = sum(1 for key in values if _JOINT.fullmatch(key))
+    if declared == names[1] or {"wheel_names", "robot_radius"} <= values.keys():
+        return OMNI
+    if corners == len(CORNERS) or "mecanum" in declared.lower():
+        return MECANUM
+    return ""
+
+
+def _controller(name: str, kind: str, values: Mapping[str, Any]) -> Controller:
+    values = {key.removeprefix("kinematics."): value for key, value in values.items()}
+    keys = {
+        quantity: next((one for one in names if one in values), "")
+        for quantity, names in _NAMES.items()
+    }
+    lengths = {
+        quantity: _number(values, key, name) * _number(values, f"{key}_multiplier", name, 1.0)
+        if key
+        else None
+        for quantity, key in keys.items()
+    }
+    for quantity, length in lengths.items():
+        if quantity != "wheel_offset" and length is not None and length <= 0.0:
+            raise ConfigurationError(
+                "--from", f"{name}: {keys[quantity]} is {length:g}, not above 0"
+            )
+    offset = [_number(values, f"base_frame_offset.{key}", name, 0.0) for key in ("x", "y", "theta")]
+    joints = _joints(kind, values, name)
+    factors = {
+        corner: _number(values, key, name)
+        for corner in joints
+        for key in (f"{corner}{_FACTOR}", f"{corner.replace('rear', 'back')}{_FACTOR}")
+        if key in values
+    }
+    return Controller(
+        name=name,
+        kind=kind,
+        joints=joints,
+        factors=factors,
+        offset=(offset[0], offset[1], offset[2]),
+        base=str(values.get("base_frame_id") or ""),
+        keys=keys,
+        **lengths,
+    )
+
+
+def _joints(kind: str, values: Mapping[str, Any], name: str) -> dict[str, str]:
+    if kind == OMNI:
+        names = values.get("wheel_names")
+        if not isinstance(names, list) or len(names) < 3:
+            raise ConfigurationError(
+                "--from", f"{name}: wheel_names must list three or more joints"
+            )
+        return {str(row): str(joint) for row, joint in enumerate(names)}
+    found = {}
+    for key, joint in values.items():
+        if (corner := _JOINT.fullmatch(key)) and joint:
+            found[f"{corner[1].replace('back', 'rear')}_{corner[2]}"] = str(joint)
+    return {corner: found[corner] for corner in CORNERS if corner in found}
+
+
+def _number(values: Mapping[str, Any], key: str, name: str, usual: float | None = None) -> float:
+    """Return a parameter as a number, also if it is a text such as "0.05"."""
+    value = values.get(key, usual)
+    try:
+        number = math.nan if isinstance(value, bool) else float(value)
+    except (TypeError, ValueError):
+        number = math.nan
+    if not math.isfinite(number):
+        raise ConfigurationError("--from", f"{name}: {key} is {value!r}, must be a number")
+    return number
+
+
+def controller_of(wheels: Mapping[str, WheelMount], name: str = "") -> Controller | None:
+    """Return the published controller that moves a vehicle exactly; None if neither can.
+
+    Args:
+        wheels: wheels in the base frame, keyed by joint.
+        name: name of the controller.
+    """
+    geometry = PlatformGeometry.from_wheels(wheels)
+    if np.ptp(geometry.radius) > 0.0 or len(wheels) < 3:
+        return None
+    for found in (_mecanum(geometry, name), _omni(geometry, name)):
+        again = found and found.wheels()
+        if again and all(_same(again[joint], mount) for joint, mount in wheels.items()):
+            return found
+    return None
+
+
+def _same(one: WheelMount, other: WheelMount, rounding: float = 1e-4) -> bool:
+    """Return whether two wheels differ by less than a rounding [m], and of angles by 0.01 deg."""
+    angles = [
+        abs((a - b + half) % (2.0 * half) - half)
+        for a, b, half in (
+            (one.heading_deg, other.heading_deg, 180.0),
+            (one.roller_angle_deg, other.roller_angle_deg, 90.0),
+        )
+    ]
+    return math.hypot(one.x - other.x, one.y - other.y) < rounding and max(angles) < 1e-2
+
+
+def _mecanum(geometry: PlatformGeometry, name: str) -> Controller | None:
+    theta = -math.atan2(geometry.rolling[0, 1], geometry.rolling[0, 0])
+    places = turned(geometry.position, theta)
+    center = places.mean(axis=0)
+    corners = {
+        corner: joint
+        for corner, signs in CORNERS.items()
+        for joint, place in zip(geometry.names, places - center, strict=True)
+        if tuple(np.sign(place)) == signs
+    }
+    if len(geometry.names) != len(CORNERS) or len(corners) != len(CORNERS):
+        return None
+    span = np.ptp(places, axis=0)
+    return Controller(
+        name, MECANUM, corners, float(geometry.radius[0]), {}, None,
+        float(span[0]), float(span[1]),
+        (-float(center[0]) + 0.0, -float(center[1]) + 0.0, theta + 0.0), None, None, "", {},
+    )  # fmt: skip
+
+
+def _omni(geometry: PlatformGeometry, name: str) -> Controller:
+    """Return the controller of omni-wheels around base_link; its first wheel is nearest to x."""
+    angles = np.arctan2(geometry.position[:, 1], geometry.position[:, 0])
+    order = np.argsort(np.where(angles < -1e-9, angles + 2.0 * math.pi, angles))
+    joints = {str(row): geometry.names[wheel] for row, wheel in enumerate(order)}
+    reach = float(np.linalg.norm(geometry.position, axis=1).mean())
+    return Controller(
+        name, OMNI, joints, float(geometry.radius[0]), {}, None, None, None,
+        (0.0, 0.0, 0.0), reach, float(angles[order[0]]), "", {},
+    )  # fmt: skip
+
+
+def controller_file(controller: Controller) -> str:
+    """Return the text of a parameter file with the kinematics of a published controller."""
+    values: dict[str, Any]
+    if controller.kind == OMNI:
+        values = {
+            "wheel_names": list(controller.joints.values()),
+            "wheel_offset": controller.wheel_offset,
+            "robot_radius": controller.robot_radius,
+            "wheel_radius": controller.radius,
+        }
+    else:
+        offset = dict(zip(("x", "y", "theta"), controller.offset, strict=True))
+        values = {
+            **{
+                f"{corner}_wheel_command_joint_name": joint
+                for corner, joint in controller.joints.items()
+            },
+            "kinematics": {
+                "base_frame_offset": offset,
+                "wheels_radius": controller.radius,
+                "sum_of_robot_center_projection_on_X_Y_axis": controller.lever,
+            },
+        }
+    package = PACKAGES[controller.kind]
+    return commented_yaml(
+        {f"/**/{package}": {"ros__parameters": {**values, "base_frame_id": "base_link"}}},
+        f"Kinematics of {CLASSES[controller.kind]} that agree with the assistant's file.\n"
+        "If you have tuned the controller for slip of the rollers, compare before you replace it.",
+    )

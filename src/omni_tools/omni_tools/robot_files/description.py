@@ -1,0 +1,238 @@
+"""Vehicle that the files of a robot describe, with their contradictions and gaps.
+
+If files contradict each other, all values are listed with the one that is used: positions are those
+of the joints, the radius is the controller's, and the rolling direction is the one that the
+controller assumes, because its odometry is right or wrong on the robot.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from omni_core.configuration import ConfigurationError
+from omni_core.geometry import turned
+from omni_core.quantities import FloatArray, plain
+from omni_tools.robot_files.body import find_sensors, ground_height, measure_chassis, weigh
+from omni_tools.robot_files.comparison import compare
+from omni_tools.robot_files.controllers import DIFFERENT, MECANUM, OMNI, Controller, wrapped
+from omni_tools.robot_files.described import INVALID, PARALLEL, Described
+from omni_tools.robot_files.links import Robot
+from omni_tools.robot_files.wheels import DescribedWheel, base_link, described_wheels, matched
+
+_RADII = 1e-3, 1.0  # radii of omni-wheels in use [m]
+_UNITS = {"millimeters": 1000.0, "inches": 1.0 / 0.0254}  # lengths of a meter
+_ALIKE = 0.1  # difference of two radii in the same unit, relative [1]
+_FARTHEST = 10.0  # distance of a wheel from the center of all wheels [m]
+_ROLLERS = (
+    "the roller directions, which are an estimate: X seen from above. Check them: from above, the "
+    "rollers on top of the wheels must form an X; or drive the robot, and use ./omni check-vehicle"
+)
+
+
+def describe(
+    robot: Robot | None, controllers: Sequence[Controller], kind: str | None, radius: float | None
+) -> Described:
+    """Return the vehicle of a robot description and of parameters of controllers.
+
+    Args:
+        robot: robot description; None if only controllers are given.
+        controllers: drive controllers.
+        kind: type of the wheels if the user gives it.
+        radius: radius of the wheels if the user gives it [m].
+
+    Raises:
+        ConfigurationError: the files describe no vehicle on omni-wheels.
+    """
+    if len(controllers) > 1:
+        _check_one(controllers)
+    controller = controllers[0] if controllers else None
+    if robot is not None and controller is not None:
+        controller = matched(robot, controller)
+    if robot is None:
+        return _of_controller(controller, radius)
+    base = base_link(robot, controller)
+    wheels = described_wheels(robot, controller, base)
+    found = Described()
+    found.kind = _kind(found, wheels, controller, kind)
+    _place_wheels(found, robot.file, wheels, controller, radius)
+    if controller is not None:
+        compare(found, robot, wheels, controller, base)
+    ground = ground_height(found, robot, wheels, base)
+    measure_chassis(found, robot, wheels, base)
+    weigh(found, robot, wheels, base, ground)
+    find_sensors(found, robot, base)
+    return found
+
+
+def _check_one(controllers: Sequence[Controller]) -> None:
+    first, *others = controllers
+    for other in others:
+        if other._replace(name=first.name) != first:
+            raise ConfigurationError(
+                "--from",
+                f"several controllers drive wheels in different ways: {first.name} and "
+                f"{other.name}; give the file of the one that runs",
+            )
+
+
+def _of_controller(controller: Controller | None, radius: float | None) -> Described:
+    """Return the vehicle of a controller alone."""
+    if controller is None:
+        problem = "the files contain neither a robot description nor a drive controller"
+        raise ConfigurationError("--from", f"{problem}; add the URDF of the robot")
+    mounts = controller._replace(radius=radius or controller.radius).wheels()
+    if mounts is None:
+        raise ConfigurationError(
+            "--from",
+            f"{controller.name} gives no position of a single wheel; add the URDF of the robot",
+        )
+    found = Described(kind=controller.kind)
+    for name, mount in mounts.items():
+        angles = {"heading_deg": mount.heading_deg, "roller_angle_deg": mount.roller_angle_deg}
+        values = {"x": mount.x, "y": mount.y, **angles, "radius": mount.radius}
+        found.wheels[name] = {key: round(value, 6) + 0.0 for key, value in values.items()}
+    found.sources["wheels"] = f"{controller.name}, which assumes the roller directions"
+    found.questions.append("the files contain no chassis; how long and wide is it?")
+    return found
+
+
+def _kind(
+    found: Described,
+    wheels: Sequence[DescribedWheel],
+    controller: Controller | None,
+    given: str | None,
+) -> str:
+    """Return the kind of the wheels: the user's, the controller's, or that of the axles."""
+    away = [abs(wrapped(2.0 * (w.heading_deg - wheels[0].heading_deg))) / 2.0 for w in wheels]
+    parallel = max(away) < PARALLEL
+    if given is not None:
+        return given
+    if controller is not None:
+        if parallel == (controller.kind == OMNI):
+            directions = "parallel" if parallel else "not parallel"
+            found.contradictions.append(
+                f"the axles are {directions} in the description, but {controller.name} is for "
+                f"{controller.kind} wheels; used: {controller.kind}; look at the wheels"
+            )
+        return controller.kind
+    if parallel:
+        found.questions.append(
+            "the axles are parallel, so the wheels are taken as Mecanum wheels: are they? "
+            "(--kind omni for others)"
+        )
+    return MECANUM if parallel else OMNI
+
+
+def _place_wheels(
+    found: Described,
+    file: str,
+    wheels: Sequence[DescribedWheel],
+    controller: Controller | None,
+    radius: float | None,
+) -> None:
+    """Enter position, direction, rollers, radius and width of each wheel."""
+    center = np.mean([wheel.place[:2] for wheel in wheels], axis=0)
+    assumed = _assumed(controller)
+    backward: list[str] = []
+    alike: dict[tuple[tuple[str, float], ...], list[str]] = {}  # joints with the same radii
+    for wheel in wheels:
+        heading, factor = assumed.get(wheel.joint, (wheel.heading_deg, 1.0))
+        if abs(wrapped(wheel.heading_deg - heading)) < 90.0:
+            heading = wheel.heading_deg
+        else:
+            heading = wrapped(wheel.heading_deg + 180.0)
+            backward.append(wheel.joint)
+        values = {"x": round(float(wheel.place[0]), 6), "y": round(float(wheel.place[1]), 6)}
+        if abs(heading) > 1e-3:
+            values["heading_deg"] = heading
+        ahead, left = turned(wheel.place[:2] - center, -math.radians(heading))
+        across = (ahead > 0.0) == (left > 0.0)  # front left and rear right
+        values["roller_angle_deg"] = 0.0 if found.kind == OMNI else -45.0 if across else 45.0
+        radii = {"--wheel-radius": radius or 0.0}
+        if controller is not None:
+            radii[controller.name] = (controller.radius or 0.0) * factor
+        radii |= {f"{of} of {file}": size for of, size in wheel.radii.items()}
+        radii = {source: size for source, size in radii.items() if size}
+        _check_units(radii, wheel.place[:2] - center, file)
+        if radii:
+            values["radius"] = next(iter(radii.values()))
+            alike.setdefault(tuple(radii.items()), []).append(wheel.joint)
+        if wheel.width > 0.0:
+            values["width"] = wheel.width
+        found.wheels[INVALID.sub("_", wheel.joint)] = values
+    for pairs, names in alike.items():
+        remedy = "measure the height of the axle of the loaded wheel"
+        found.differ(f"radius of {', '.join(names)}", dict(pairs), pairs[0][0], remedy)
+    if backward and controller is not None:
+        found.contradictions.append(
+            f"{', '.join(backward)}: a positive speed is forward for {controller.name}, but "
+            f"backward by the axis in {file}; used: {controller.name}; turn these wheels forward "
+            "by hand and look at the sign of their velocity"
+        )
+    found.sources["wheels"] = f"joints of {file}"
+    if found.kind == MECANUM:
+        found.sources["wheels"] += "; estimate: rollers that form an X seen from above"
+        found.questions.append(_ROLLERS)
+    _ask_about_names(found, wheels)
+
+
+def _ask_about_names(found: Described, wheels: Sequence[DescribedWheel]) -> None:
+    changed = [wheel.joint for wheel in wheels if wheel.joint not in found.wheels]
+    if changed:
+        found.questions.append(
+            f"names consist of letters, digits and _, so {', '.join(changed)} are named "
+            f"{', '.join(INVALID.sub('_', name) for name in changed)}: do messages reach the nodes "
+            "with these names?"
+        )
+    for wheel in wheels:
+        if abs(wheel.beside) > max(DIFFERENT * wheel.width, 1e-3):
+            found.contradictions.append(
+                f"{wheel.joint}: the middle of its collision shape is {plain(abs(wheel.beside))} m "
+                "beside its joint along the axle; used: the joint; measure the track"
+            )
+
+
+def _assumed(controller: Controller | None) -> dict[str, tuple[float, float]]:
+    """Return heading [deg] and factor of the radius that a controller assumes, keyed by joint."""
+    if controller is None:
+        return {}
+    theta, count = math.degrees(controller.offset[2]), len(controller.joints)
+    first = math.degrees(controller.wheel_offset or 0.0) - 90.0
+    omni = controller.kind == OMNI
+    return {
+        joint: (
+            first + 360.0 * row / count if omni else -theta,
+            controller.factors.get(key, 1.0),
+        )
+        for row, (key, joint) in enumerate(controller.joints.items())
+    }
+
+
+def _check_units(radii: Mapping[str, float], place: FloatArray, file: str) -> None:
+    """Raise `ConfigurationError` if a length is not that of a vehicle in meters.
+
+    Args:
+        radii: radii of a wheel [m], keyed by source.
+        place: position of the wheel from the center of all wheels [m], shape (2,).
+        file: name of the robot description.
+    """
+    smallest, largest = _RADII
+    for unit, factor in _UNITS.items():
+        for source, radius in radii.items():
+            if any(abs(radius / other / factor - 1.0) < _ALIKE for other in radii.values()):
+                raise _in_other_unit(f"the radius of a wheel in {source}", radius, unit)
+    for source, radius in radii.items():
+        if not smallest < radius < largest:
+            raise _in_other_unit(f"the radius of a wheel in {source}", radius, *_UNITS)
+    if (distance := float(np.linalg.norm(place))) > _FARTHEST:
+        raise _in_other_unit(
+            f"the distance of a wheel from the center in {file}", distance, *_UNITS
+        )
+
+
+def _in_other_unit(what: str, value: float, *units: str) -> ConfigurationError:
+    problem = f"{what} is {plain(value)} m, which looks like {' or '.join(units)}; give meters"
+    return ConfigurationError("--from", problem)

@@ -1,0 +1,313 @@
+"""Links and joints of a robot description (URDF).
+
+Frames are those of the URDF: a joint gives the pose of its child link in its parent link, and axis,
+masses and shapes are in the frame of their link. Poses are matrices of shape (4, 4) that map
+coordinates of a frame to those of its parent, or of another frame; all joints are at zero.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Iterable
+from functools import cached_property
+from typing import TypeVar
+from xml.etree import ElementTree
+
+import numpy as np
+
+from omni_core.configuration import ConfigurationError
+from omni_core.quantities import FloatArray
+
+_UPRIGHT = 1e-6  # cosine of a pitch that is 90 deg [1]
+_SHAPES = {"box": ("size",), "cylinder": ("radius", "length"), "sphere": ("radius",)}
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Shape:
+    """A box, cylinder or sphere of a link.
+
+    Attributes:
+        kind: ``box``, ``cylinder`` (about its z axis) or ``sphere``.
+        size: edges of the box, or radius and length of the cylinder, or radius of the sphere [m].
+        pose: pose in the link.
+        of: ``collision`` or ``visual``.
+    """
+
+    kind: str
+    size: tuple[float, ...]
+    pose: FloatArray
+    of: str
+
+    @property
+    def corners(self) -> FloatArray:
+        """Corners of the box around the shape, in the frame of the link [m], shape (8, 3)."""
+        radius, length = self.size[0], self.size[-1]
+        half = {
+            "box": 0.5 * np.array(self.size[:3]),
+            "cylinder": np.array([radius, radius, 0.5 * length]),
+        }.get(self.kind, np.full(3, radius))
+        signs = np.array(np.meshgrid(*3 * [(-1.0, 1.0)])).reshape(3, 8).T
+        return np.asarray(signs * half @ self.pose[:3, :3].T + self.pose[:3, 3])
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Link:
+    """A link.
+
+    Attributes:
+        name: name of the link.
+        mass: mass [kg]; 0 if none is given.
+        center: center of gravity [m], shape (3,).
+        inertia: moments of inertia about the center of gravity [kg m^2], shape (3, 3).
+        shapes: collision shapes, then visual shapes; without meshes.
+        meshes: number of meshes.
+    """
+
+    name: str
+    mass: float
+    center: FloatArray
+    inertia: FloatArray
+    shapes: tuple[Shape, ...]
+    meshes: int
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Joint:
+    """A joint.
+
+    Attributes:
+        name: name of the joint.
+        kind: type of the joint, such as ``continuous``.
+        parent: name of the parent link.
+        child: name of the child link.
+        pose: pose of the child link in the parent link.
+        axis: unit vector of the axis in the child link, shape (3,).
+    """
+
+    name: str
+    kind: str
+    parent: str
+    child: str
+    pose: FloatArray
+    axis: FloatArray
+
+
+_Part = TypeVar("_Part", Link, Joint)
+
+
+class Robot:
+    """Tree of the links of a robot.
+
+    Attributes:
+        file: name of the file, for messages.
+        links: links, keyed by name.
+        joints: joints, keyed by name.
+        driven: names of the joints that ros2_control drives by velocity.
+        text: the description as text.
+
+    Raises:
+        ConfigurationError: the text is not a URDF, a value is invalid, or the links form no tree.
+    """
+
+    def __init__(self, file: str, text: str) -> None:
+        self.file, self.text = file, text
+        try:
+            root = ElementTree.fromstring(text)
+        except (ElementTree.ParseError, ValueError) as error:
+            raise self._wrong(f"is not valid XML: {error}") from None
+        if root.tag != "robot":
+            raise self._wrong(f"is not a URDF: its first element is <{root.tag}>, not <robot>")
+        self.links = self._by_name(self._link(one) for one in root.findall("link"))
+        self.joints = self._by_name(self._joint(one) for one in root.findall("joint"))
+        self.driven = tuple(
+            joint.get("name", "")
+            for joint in root.findall("ros2_control/joint")
+            if any(one.get("name") == "velocity" for one in joint.findall("command_interface"))
+        )
+        self._check_tree()
+
+    def _wrong(self, problem: str) -> ConfigurationError:
+        return ConfigurationError("--from", f"{self.file} {problem}")
+
+    def _by_name(self, parts: Iterable[_Part]) -> dict[str, _Part]:
+        found: dict[str, _Part] = {}
+        for part in parts:
+            if part.name in found:
+                kind = type(part).__name__.lower()
+                raise self._wrong(f"has two {kind}s named {part.name!r}; rename one of them")
+            found[part.name] = part
+        return found
+
+    def _check_tree(self) -> None:
+        if not self.links:
+            raise self._wrong("has no links")
+        parents: dict[str, Joint] = {}
+        for joint in self.joints.values():
+            for link in (joint.parent, joint.child):
+                if link not in self.links:
+                    raise self._wrong(f"lacks the link {link!r} of the joint {joint.name!r}")
+            if joint.child in parents:
+                raise self._wrong(
+                    f"has two joints, {parents[joint.child].name!r} and {joint.name!r}, for the "
+                    f"link {joint.child!r}"
+                )
+            parents[joint.child] = joint
+        self.parents = parents
+        roots = [name for name in self.links if name not in parents]
+        if len(roots) != 1:
+            raise self._wrong(
+                f"has {len(roots)} links that no joint holds ({', '.join(roots[:4]) or 'a loop'}); "
+                "give the description of one robot, whose links form one tree"
+            )
+        for name in self.links:
+            self.chain(name)
+
+    def chain(self, link: str) -> list[Joint]:
+        """Return the joints from the root to a link, nearest to the link first."""
+        joints: list[Joint] = []
+        while link in self.parents:
+            joints.append(self.parents[link])
+            link = joints[-1].parent
+            if len(joints) > len(self.links):
+                raise self._wrong(f"has a loop of joints through the link {link!r}")
+        return joints
+
+    @cached_property
+    def _poses(self) -> dict[str, FloatArray]:
+        poses = {}
+        for name in self.links:
+            pose = np.eye(4)
+            for joint in self.chain(name):
+                pose = joint.pose @ pose
+            poses[name] = pose
+        return poses
+
+    def pose(self, link: str, base: str) -> FloatArray:
+        """Return the pose of a link in the frame of the link `base`, shape (4, 4)."""
+        return np.asarray(np.linalg.solve(self._poses[base], self._poses[link]))
+
+    def below(self, link: str) -> list[str]:
+        """Return a link and all links that its joints hold."""
+        return [
+            name
+            for name in self.links
+            if name == link or any(joint.parent == link for joint in self.chain(name))
+        ]
+
+    def rigid(self, link: str) -> list[str]:
+        """Return the links that fixed joints connect with a link, and the link itself."""
+
+        def held(name: str) -> str:
+            """Return the link that holds a link by fixed joints and is nearest to the root."""
+            for joint in self.chain(name):
+                if joint.kind != "fixed":
+                    return joint.child
+            return ""
+
+        return [name for name in self.links if held(name) == held(link)]
+
+    def _link(self, element: ElementTree.Element) -> Link:
+        name, inertial = element.get("name", ""), element.find("inertial")
+        mass, pose, inertia = 0.0, np.eye(4), np.zeros((3, 3))
+        if inertial is not None:
+            place = f"link {name!r}"
+            mass = self._number(inertial.find("mass"), "value", place)
+            pose = self._pose(inertial.find("origin"), place)
+            if (tensor := inertial.find("inertia")) is not None:
+                for row, column in ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)):
+                    key = f"i{'xyz'[row]}{'xyz'[column]}"
+                    inertia[row, column] = self._number(tensor, key, place)
+                    inertia[column, row] = inertia[row, column]
+        if mass < 0.0 or not math.isfinite(mass):
+            raise self._wrong(f"has the mass {mass:g} kg in the link {name!r}")
+        turn = pose[:3, :3]
+        shapes = [
+            self._shape(one, kind, name)
+            for kind in ("collision", "visual")
+            for one in element.findall(kind)
+        ]
+        known = tuple(shape for shape in shapes if shape is not None)
+        inertia = np.asarray(turn @ inertia @ turn.T)
+        return Link(name, mass, pose[:3, 3], inertia, known, len(shapes) - len(known))
+
+    def _shape(self, element: ElementTree.Element, of: str, link: str) -> Shape | None:
+        for kind, keys in _SHAPES.items():
+            solid = element.find(f"geometry/{kind}")
+            if solid is not None:
+                place = f"{of} of the link {link!r}"
+                size = [value for key in keys for value in self._numbers(solid, key, "", place)]
+                if len(size) == (3 if kind == "box" else len(keys)) and min(size) >= 0.0:
+                    return Shape(kind, tuple(size), self._pose(element.find("origin"), place), of)
+                raise self._wrong(f"has no valid size of the {kind} in the {place}")
+        return None
+
+    def _joint(self, element: ElementTree.Element) -> Joint:
+        name = element.get("name", "")
+        place = f"joint {name!r}"
+        ends = []
+        for key in ("parent", "child"):
+            found = element.find(key)
+            if found is None or not found.get("link"):
+                raise self._wrong(f"has no {key} link in the {place}")
+            ends.append(found.get("link", ""))
+        axis = self._three(element.find("axis"), "xyz", "1 0 0", place)
+        length = float(np.linalg.norm(axis))
+        axis = axis / length if length > 0.0 else axis
+        pose = self._pose(element.find("origin"), place)
+        return Joint(name, element.get("type", ""), ends[0], ends[1], pose, axis)
+
+    def _pose(self, element: ElementTree.Element | None, place: str) -> FloatArray:
+        pose = np.eye(4)
+        pose[:3, 3] = self._three(element, "xyz", "0 0 0", place)
+        roll, pitch, yaw = self._three(element, "rpy", "0 0 0", place)
+        for angle, (row, column) in ((yaw, (0, 1)), (pitch, (2, 0)), (roll, (1, 2))):
+            turn = np.eye(3)
+            turn[row, row] = turn[column, column] = math.cos(angle)
+            turn[column, row] = math.sin(angle)
+            turn[row, column] = -math.sin(angle)
+            pose[:3, :3] = pose[:3, :3] @ turn
+        return pose
+
+    def _three(
+        self, element: ElementTree.Element | None, key: str, usual: str, place: str
+    ) -> FloatArray:
+        values = self._numbers(element, key, usual, place)
+        if len(values) != 3:
+            raise self._wrong(f"must have three numbers in {key} of the {place}")
+        return np.array(values)
+
+    def _number(self, element: ElementTree.Element | None, key: str, place: str) -> float:
+        values = self._numbers(element, key, "0", place)
+        if len(values) != 1:
+            raise self._wrong(f"must have one number in {key} of the {place}")
+        return values[0]
+
+    def _numbers(
+        self, element: ElementTree.Element | None, key: str, usual: str, place: str
+    ) -> list[float]:
+        text = usual if element is None else element.get(key) or usual
+        try:
+            values = [float(word) for word in text.split()]
+        except ValueError:
+            values = [math.nan]
+        if not all(map(math.isfinite, values)):
+            raise self._wrong(f"has {text!r} in {key} of the {place}, which are not numbers")
+        return values
+
+
+def roll_pitch_yaw(pose: FloatArray) -> tuple[float, float, float]:
+    """Return roll, pitch and yaw of a pose, as ``rpy`` of a joint but in deg.
+
+    Args:
+        pose: matrix of shape (4, 4).
+    """
+    pitch = math.atan2(-pose[2, 0], math.hypot(pose[0, 0], pose[1, 0]))
+    if math.cos(pitch) > _UPRIGHT:
+        roll = math.atan2(pose[2, 1], pose[2, 2])
+        yaw = math.atan2(pose[1, 0], pose[0, 0])
+    else:  # roll and yaw turn about the same axis
+        roll, yaw = 0.0, math.atan2(-pose[0, 1], pose[1, 1])
+    angles = (math.degrees(angle) for angle in (roll, pitch, yaw))
+    first, second, third = (round(angle, 4) + 0.0 for angle in angles)
+    return first, second, third

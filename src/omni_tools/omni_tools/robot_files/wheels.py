@@ -1,0 +1,200 @@
+"""Wheels of a robot description: which joints they are, and their geometry."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from omni_core.configuration import ConfigurationError, did_you_mean
+from omni_core.quantities import FloatArray
+from omni_tools.robot_files.controllers import Controller, wrapped
+from omni_tools.robot_files.links import Joint, Robot
+
+_MOVING = ("continuous", "revolute")
+_WHEEL = re.compile(r"wheel|whl|mecanum|omni|tire|tyre", re.IGNORECASE)
+_NO_WHEEL = re.compile(r"roller|caster|castor|steer|cover|fender|mount|support|arch", re.IGNORECASE)
+_UPRIGHT = 0.2  # limit on the vertical part of the axis of a wheel, and on the rest of a steering's
+_STEP, _ROUNDED = 15.0, 0.1  # usual directions, and the error of 3.14 as pi [deg]
+_LEVEL = 0.01  # limit on the difference in height of the axles of a vehicle's wheels [m]
+
+
+class DescribedWheel(NamedTuple):
+    """A wheel in the frame of base_link, with all joints at zero.
+
+    Attributes:
+        joint: name of its joint.
+        place: origin of the joint [m], shape (3,).
+        heading_deg: rolling direction for a positive speed of the joint, counter-clockwise from x.
+        radii: radii of the wheel [m], keyed by ``collision`` and ``visual``; without meshes.
+        width: width of the wheel [m]; 0 if unknown.
+        beside: distance from the joint to the middle of the collision shape, along the axis [m].
+        inertia: moment of inertia about the axis [kg m^2].
+    """
+
+    joint: str
+    place: FloatArray
+    heading_deg: float
+    radii: dict[str, float]
+    width: float
+    beside: float
+    inertia: float
+
+
+def base_link(robot: Robot, controller: Controller | None) -> str:
+    """Return the link that is base_link: of this name, or the controller's, or the root."""
+    named = [name for name in robot.links if re.fullmatch(r"(.*[/_])?base_link", name)]
+    if len(named) == 1 or "base_link" in named:
+        return "base_link" if "base_link" in named else named[0]
+    if named:
+        raise ConfigurationError(
+            "--from",
+            f"{robot.file} has several links named base_link: {', '.join(named)}; give the "
+            "description of one robot",
+        )
+    if controller is not None and controller.base in robot.links:
+        return controller.base
+    return next(name for name in robot.links if name not in robot.parents)
+
+
+def matched(robot: Robot, controller: Controller) -> Controller:
+    """Return a controller with the joints' names of the robot, from which namespaces may differ.
+
+    Raises:
+        ConfigurationError: a joint of the controller is missing.
+    """
+    names = {}
+    for key, name in controller.joints.items():
+        short = re.split(r"[/>]", name)[-1]
+        alike = [one for one in robot.joints if one == name] or [
+            one for one in robot.joints if re.search(rf"(^|[/_>]){re.escape(short)}$", one)
+        ]
+        if len(alike) != 1:
+            what = f"{len(alike)} of them" if alike else "no such joint"
+            raise ConfigurationError(
+                "--from",
+                f"{controller.name} names the wheel joint {name!r}, but {robot.file} has "
+                f"{what}{did_you_mean(name, robot.joints)}",
+            )
+        names[key] = alike[0]
+    return controller._replace(joints=names)
+
+
+def described_wheels(
+    robot: Robot, controller: Controller | None, base: str
+) -> list[DescribedWheel]:
+    """Return the wheels of a robot.
+
+    They are the joints that the controller names; otherwise those that ros2_control drives by
+    velocity, those whose names are those of wheels, or the lowest joints with a horizontal axis.
+
+    Args:
+        robot: robot description.
+        controller: controller with the joints' names of the robot; None if unknown.
+        base: name of base_link.
+
+    Raises:
+        ConfigurationError: there are fewer than three wheels, or a wheel is steered.
+    """
+    named = controller.joints.values() if controller is not None else ()
+    joints = [robot.joints[name] for name in named] or _likely(robot, base)
+    if len(joints) < 3:
+        moving = [one.name for one in robot.joints.values() if one.kind in _MOVING]
+        problem = f"{robot.file} has {len(joints) or 'no'} wheels, must have three or more"
+        raise ConfigurationError(
+            "--from",
+            f"{problem} (moving joints: {', '.join(moving[:12]) or 'none'}); add the parameter "
+            "file of the controller, which names the joints of the wheels",
+        )
+    for joint in joints:
+        _check_not_steered(robot, joint, base)
+    return [_wheel(robot, joint, base) for joint in joints]
+
+
+def _likely(robot: Robot, base: str) -> list[Joint]:
+    horizontal = [
+        joint
+        for joint in robot.joints.values()
+        if joint.kind in (*_MOVING, "fixed") and abs(_axis(robot, joint, base)[2]) < _UPRIGHT
+    ]
+    moving = [joint for joint in horizontal if joint.kind in _MOVING]
+    driven = [joint for joint in moving if joint.name in robot.driven]
+    named = [
+        joint
+        for joint in horizontal
+        if _WHEEL.search(f"{joint.name} {joint.child}")
+        and not _NO_WHEEL.search(f"{joint.name} {joint.child}")
+    ]
+    lowest = min((float(robot.pose(one.child, base)[2, 3]) for one in moving), default=0.0)
+    low = [one for one in moving if robot.pose(one.child, base)[2, 3] < lowest + _LEVEL]
+    turning = [joint for joint in named if joint.kind in _MOVING]
+    for joints in (driven, turning, named, low):
+        outer = _outermost(robot, joints)
+        if len(outer) >= 3:
+            return outer
+    return _outermost(robot, turning or named)
+
+
+def _outermost(robot: Robot, joints: Sequence[Joint]) -> list[Joint]:
+    """Return the joints that are below no other one of them, such as wheels without rollers."""
+    names = {joint.name for joint in joints}
+    return [
+        joint
+        for joint in joints
+        if not any(above.name in names for above in robot.chain(joint.parent))
+    ]
+
+
+def _check_not_steered(robot: Robot, wheel: Joint, base: str) -> None:
+    for joint in robot.chain(wheel.parent):
+        upright = abs(float((robot.pose(joint.child, base)[:3, :3] @ joint.axis)[2]))
+        if joint.kind in _MOVING and upright > 1.0 - _UPRIGHT:
+            raise ConfigurationError(
+                "--from",
+                f"the wheel {wheel.name} of {robot.file} is steered by the joint {joint.name}; "
+                "the files of a vehicle describe wheels of a fixed direction",
+            )
+
+
+def _axis(robot: Robot, joint: Joint, base: str) -> FloatArray:
+    """Return the axis of a wheel in base_link; a fixed wheel is taken to roll forward."""
+    turn = robot.pose(joint.child, base)[:3, :3]
+    if joint.kind != "fixed":
+        return np.asarray(turn @ joint.axis)
+    solid = next((one for one in robot.links[joint.child].shapes if one.kind == "cylinder"), None)
+    axis = turn @ (joint.axis if solid is None else solid.pose[:3, 2])
+    return np.asarray(-axis if axis[1] < -1e-6 else axis)
+
+
+def _wheel(robot: Robot, joint: Joint, base: str) -> DescribedWheel:
+    axis, place = _axis(robot, joint, base), robot.pose(joint.child, base)[:3, 3]
+    if abs(axis[2]) > _UPRIGHT or not np.any(axis):
+        raise ConfigurationError(
+            "--from", f"the axis of the wheel {joint.name} of {robot.file} is not horizontal"
+        )
+    radii: dict[str, float] = {}
+    width = beside = inertia = 0.0
+    below = robot.below(joint.child)
+    rigid = set(robot.rigid(joint.child)).intersection(below)
+    for name in below:
+        link, pose = robot.links[name], robot.pose(name, base)
+        turn = pose[:3, :3]
+        arm, along = turn @ link.center + pose[:3, 3] - place, turn.T @ axis
+        inertia += float(along @ link.inertia @ along)
+        inertia += link.mass * float(arm @ arm - (arm @ axis) ** 2)
+        for shape in link.shapes if name in rigid else ():  # rollers turn by themselves
+            is_round = shape.kind == "sphere" or (
+                shape.kind == "cylinder" and abs(shape.pose[:3, 2] @ along) > 1.0 - _UPRIGHT
+            )
+            if is_round and shape.size[0] > radii.get(shape.of, 0.0):
+                radii[shape.of] = shape.size[0]
+                if shape.kind == "cylinder" and (shape.of == "collision" or not width):
+                    middle = turn @ shape.pose[:3, 3] + pose[:3, 3] - place
+                    width, beside = shape.size[1], float(middle @ axis)
+    heading = math.degrees(math.atan2(-axis[0], axis[1]))
+    usual = _STEP * round(heading / _STEP)
+    heading = round(wrapped(usual if abs(heading - usual) < _ROUNDED else heading), 6)
+    return DescribedWheel(joint.name, place, heading, radii, width, beside, inertia)

@@ -1,0 +1,214 @@
+"""Reading of robot descriptions, and expansion of xacro files without their Python.
+
+xacro evaluates ``${...}`` as Python, from which an expression can reach any module of the process
+through attributes of functions and generators. So the expressions of a file are parsed first, and
+those that need more than arithmetic, texts, lists and xacro's own functions are refused.
+"""
+
+import ast
+import contextlib
+import os
+import re
+import tempfile
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+from xml.parsers.expat import ExpatError
+
+from omni_core.configuration import ConfigurationError
+from omni_core.files import read_text
+from omni_core.plugins import import_optional
+
+# Attributes that lead to the interpreter, and functions that reach them by a text.
+_SPECIAL = re.compile(r"_|(gi|cr|ag|tb|co)_|f_(back|builtins|code|globals|locals)$")
+_REFLECTION = ("vars", "type")
+_FIND = re.compile(r"\$\(find\s+([^)\s]+)\s*\)|find\('([^']+)'\)|package://([\w-]+)/")
+_MISSING = re.compile(r"[Pp]ackage '?([\w-]+)'? not found")
+_LEVELS = 3  # folders above a package in which its sibling packages are looked for
+_REMEDY = "on the robot, xacro FILE > robot.urdf writes a file that needs no other"
+
+
+def read_description(
+    path: Path, arguments: Mapping[str, str], trust: bool, skipped: list[str] | None
+) -> str:
+    """Return the URDF of a robot; a file that uses xacro is expanded.
+
+    Args:
+        path: URDF or xacro file.
+        arguments: values of the arguments of the xacro file, keyed by name.
+        trust: whether expressions of any kind are evaluated.
+        skipped: receives the packages that are missing and left out; None to raise an error.
+
+    Raises:
+        ConfigurationError: the file cannot be read or expanded; the message has the reason.
+    """
+    try:
+        text = read_text(path)
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise ConfigurationError("--from", f"cannot read {path}: {reason}") from None
+    if "xacro:" not in text and "$(" not in text and "${" not in text:
+        return text
+    try:
+        xacro = import_optional("xacro", "xacro")
+    except ImportError:
+        problem = f"{path} needs the package xacro: ./omni install xacro, or {_REMEDY}"
+        raise ConfigurationError("--from", problem) from None
+    with _siblings_found(path), _guarded(xacro, trust, skipped):
+        return _expanded(xacro, path, arguments)
+
+
+def _expanded(xacro: Any, path: Path, arguments: Mapping[str, str]) -> str:
+    try:
+        document = xacro.process_file(str(path.resolve()), mappings=dict(arguments), verbosity=0)
+        return str(document.toxml())
+    except ConfigurationError:
+        raise
+    except ExpatError as error:
+        problem = f"is not valid XML: {error}"
+    except RecursionError:
+        problem = "includes or calls itself without end"
+    except xacro.XacroException as error:
+        lacking = getattr(error.exc, "filename", None)
+        problem = f"lacks the file {Path(lacking).resolve()}" if lacking else _reason(error)
+    except Exception as error:  # xacro passes on every error of an evaluated expression
+        problem = _reason(error)
+    place = Path((xacro.filestack or [path])[-1])
+    raise ConfigurationError("--from", f"{place}: {problem}; {_REMEDY}") from None
+
+
+def _reason(error: Exception) -> str:
+    """Return what a file lacks, in words, from an error of xacro."""
+    text = " ".join(str(error).split()) or type(error).__name__
+    if found := _MISSING.search(text):
+        return (
+            f"the package {found[1]} is not in the folders around it; put its folder next to them, "
+            "source a workspace that has it, or leave out what it contains by --skip-missing"
+        )
+    if found := re.search(r"Undefined substitution argument (\S+)", text):
+        return f"the argument {found[1]} has no value; give {found[1]}:=VALUE"
+    if found := re.search(r"name '(\w+)' is not defined", text):
+        return f"the property {found[1]} is not defined ({text})"
+    return text
+
+
+@contextlib.contextmanager
+def _guarded(xacro: Any, trust: bool, skipped: list[str] | None) -> Iterator[None]:
+    """Let xacro refuse expressions that need more than `_check` permits, unless they are trusted.
+
+    Args:
+        xacro: the module, whose functions `safe_eval` and `eval_extension` evaluate all text.
+        trust: whether all expressions are evaluated.
+        skipped: receives the packages that are missing and left out; None to raise an error.
+    """
+    evaluate, extend = xacro.safe_eval, xacro.eval_extension
+    include, call = xacro.get_include_files, xacro.handle_macro_call
+
+    def checked_evaluate(text: str, symbols: Any, *more: Any) -> Any:
+        _check(text)
+        for name in _REFLECTION:
+            getattr(symbols, "root", symbols).get("python", {}).pop(name, None)
+        return evaluate(text, symbols, *more)
+
+    def checked_extend(text: str) -> Any:
+        if text.startswith("$(eval "):
+            _check(text[len("$(eval ") : -1])
+        return extend(text)
+
+    def include_what_exists(*words: Any) -> list[str]:
+        try:
+            return list(include(*words))
+        except xacro.XacroException as error:
+            if skipped is None or not (missing := _MISSING.search(str(error))):
+                raise
+            skipped.append(missing[1])
+            return []
+
+    def call_what_exists(node: Any, *tables: Any) -> bool:
+        try:
+            return bool(call(node, *tables))
+        except xacro.XacroException as error:
+            if not skipped or not str(error).startswith("unknown macro name"):
+                raise
+            xacro.replace_node(node, by=None)
+            return True
+
+    if not trust:
+        xacro.safe_eval, xacro.eval_extension = checked_evaluate, checked_extend
+    xacro.get_include_files, xacro.handle_macro_call = include_what_exists, call_what_exists
+    try:
+        yield
+    finally:
+        xacro.safe_eval, xacro.eval_extension = evaluate, extend
+        xacro.get_include_files, xacro.handle_macro_call = include, call
+
+
+def _check(expression: str) -> None:
+    """Raise `ConfigurationError` if an expression could reach the interpreter."""
+    try:
+        nodes = list(ast.walk(ast.parse(expression.strip(), mode="eval")))
+    except (SyntaxError, ValueError, RecursionError):
+        return  # evaluating it fails
+    names = [node.attr for node in nodes if isinstance(node, ast.Attribute)]
+    names += [node.id for node in nodes if isinstance(node, ast.Name) and node.id[:2] == "__"]
+    for name in filter(_SPECIAL.match, names):
+        raise ConfigurationError(
+            "--from",
+            f"the expression ${{{expression}}} uses {name}, through which it could run any "
+            "program; if you trust the file, repeat the command with --trust",
+        )
+
+
+@contextlib.contextmanager
+def _siblings_found(path: Path) -> Iterator[None]:
+    """Let ``$(find PACKAGE)`` find the packages in the folders around a file.
+
+    They are entered in an index of ament, in a temporary folder before ``AMENT_PREFIX_PATH``.
+    """
+    before = os.environ.get("AMENT_PREFIX_PATH")
+    with tempfile.TemporaryDirectory() as name:
+        index = Path(name, "share/ament_index/resource_index/packages")
+        index.mkdir(parents=True)
+        for package, folder in packages_around(path).items():
+            (index / package).touch()
+            Path(name, "share", package).symlink_to(folder, target_is_directory=True)
+        os.environ["AMENT_PREFIX_PATH"] = os.pathsep.join(filter(None, (name, before)))
+        try:
+            yield
+        finally:
+            if before is None:
+                del os.environ["AMENT_PREFIX_PATH"]
+            else:
+                os.environ["AMENT_PREFIX_PATH"] = before
+
+
+def packages_around(path: Path) -> dict[str, Path]:
+    """Return the folders of the packages around a file, keyed by package; the nearest ones count.
+
+    A folder without ``package.xml`` is a package if a file next to `path` asks for its name,
+    because files are often copied without it.
+    """
+    found: dict[str, Path] = {}
+    parents = [one for one in path.resolve().parents if one not in (Path.home(), Path("/"))]
+    own = next((row for row, one in enumerate(parents) if (one / "package.xml").exists()), 0)
+    for folder in parents[: own + _LEVELS + 1]:
+        for depth in range(_LEVELS + 1):
+            for manifest in sorted(folder.glob("*/" * depth + "package.xml")):
+                if name := re.search(r"<name>\s*([\w-]+)\s*</name>", _text(manifest)):
+                    found.setdefault(name[1], manifest.parent)
+    texts = (_text(one) for one in (path, *sorted(path.parent.glob("*.xacro"))))
+    wanted = {name for text in texts for names in _FIND.findall(text) for name in names if name}
+    for folder in parents:
+        for package in wanted:
+            if folder.name == package:
+                found.setdefault(package, folder)
+            elif (folder / package).is_dir():
+                found.setdefault(package, folder / package)
+    return found
+
+
+def _text(path: Path) -> str:
+    try:
+        return path.read_text(encoding="utf-8", errors="replace")
+    except OSError:
+        return ""

@@ -1,0 +1,105 @@
+"""Files of a vehicle from the files of a robot."""
+
+import textwrap
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from omni_core.configuration import ConfigurationError
+from omni_tools.robot_files.controllers import Controller, read_controllers
+from omni_tools.robot_files.described import Described, rounded
+from omni_tools.robot_files.description import describe
+from omni_tools.robot_files.links import Robot, roll_pitch_yaw
+from omni_tools.robot_files.xacro_files import read_description
+from omni_tools.vehicles.estimates import KnownValues, Measured
+
+_ROUNDING = 1e-4  # offset of the chassis that is not written [m]
+_WIDTH = 110  # characters of a line of comment
+_PARAMETERS = (".yaml", ".yml")
+
+
+def described_vehicle(
+    words: Sequence[str],
+    kind: str | None = None,
+    radius: float | None = None,
+    *,
+    trust: bool = False,
+    skip_missing: bool = False,
+) -> Described:
+    """Return the vehicle that the files of a robot describe.
+
+    Args:
+        words: names of files, and arguments of xacro files as ``ARGUMENT:=VALUE``.
+        kind: type of the wheels if the user gives it.
+        radius: radius of the wheels if the user gives it [m].
+        trust: whether expressions of any kind are evaluated in xacro files.
+        skip_missing: whether missing packages of xacro files are left out.
+
+    Raises:
+        ConfigurationError: a file is invalid, or the files describe no vehicle on omni-wheels.
+    """
+    pairs = (word.partition(":=") for word in words if ":=" in word)
+    arguments = {name: value for name, _, value in pairs}
+    paths = [Path(word) for word in words if ":=" not in word]
+    controllers: list[Controller] = []
+    descriptions: list[Path] = []
+    for path in paths:
+        if path.suffix.lower() in _PARAMETERS:
+            controllers += read_controllers(path)
+        else:
+            descriptions.append(path)
+    if len(descriptions) > 1:
+        names = ", ".join(path.name for path in descriptions)
+        problem = f"{names} are several robots, each with a base_link; give the file of one"
+        raise ConfigurationError("--from", f"{problem}; it may include others")
+    robot, skipped = None, list[str]()
+    for path in descriptions:
+        lacking = skipped if skip_missing else None
+        robot = Robot(path.name, read_description(path, arguments, trust, lacking))
+    found = describe(robot, controllers, kind, radius)
+    found.questions += [
+        f"the package {package} is left out: which masses, shapes and sensors does it add?"
+        for package in dict.fromkeys(skipped)
+    ]
+    return found
+
+
+def known_values(name: str, found: Described, measured: Measured) -> KnownValues:
+    """Return the values of a vehicle's files that replace estimates.
+
+    Args:
+        name: name of the vehicle, used in comments.
+        found: vehicle that the files describe.
+        measured: size, mass and radius, of which the user may have given some.
+    """
+    wheels = {
+        wheel: {**values, "radius": values.get("radius", measured.wheel_radius)}
+        for wheel, values in found.wheels.items()
+    }
+    sources = dict(found.sources)
+    body: dict[str, Any] = {}
+    if found.center is not None and found.mass == measured.mass:
+        x, y, height = (rounded(float(value)) for value in found.center)
+        body = {"x": x, "y": y, "height": max(height, 0.0)}
+        sources["body.height"] = sources["body.mass"]
+    if found.yaw_inertia is not None and found.mass == measured.mass:
+        body["yaw_inertia"] = rounded(found.yaw_inertia)
+    vehicle: dict[str, Any] = {"wheels": wheels, "body": body}
+    for key, value in zip(("chassis_x", "chassis_y"), found.chassis_center, strict=True):
+        if abs(value) > _ROUNDING:
+            vehicle[key] = rounded(float(value))
+            sources[key] = sources.get("chassis_length", "")
+    if found.wheel_inertia is not None:
+        vehicle["wheel_inertia"] = max(rounded(found.wheel_inertia), 1e-6)
+    problems = [f"contradiction: {one}" for one in found.contradictions]
+    problems += [f"missing: {one}" for one in found.questions]
+    heading = f"{name}, made by ./omni new-vehicle --from. Values without a comment are given."
+    experiment: dict[str, Any] = {}
+    if found.imu is not None:
+        x, y = (rounded(float(value)) for value in found.imu[:2, 3])
+        experiment = {"imu": {"x": x, "y": y}, "brake_assist": {"imu_x": x, "imu_y": y}}
+        angles = [rounded(angle) for angle in roll_pitch_yaw(found.imu)]
+        if any(angles):
+            experiment["brake_assist"]["imu_rotation_deg"] = angles
+    lines = [line for text in (heading, *problems) for line in textwrap.wrap(text, _WIDTH)]
+    return KnownValues("\n".join(lines), vehicle, found.cameras, experiment, sources)

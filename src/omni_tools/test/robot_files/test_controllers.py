@@ -1,0 +1,220 @@
+"""The kinematics of published controllers is ours, is read from every name, and is written back."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import published_controllers as published
+import pytest
+import yaml
+
+from omni_core.configuration import ConfigurationError
+from omni_core.kinematics import PlatformKinematics
+from omni_core.quantities import FloatArray
+from omni_tools.robot_files.controllers import (
+    MECANUM,
+    OMNI,
+    Controller,
+    controller_file,
+    controller_of,
+    read_controllers,
+)
+
+TWISTS = np.random.default_rng(1).uniform(-2.0, 2.0, (20, 3))
+NAMES = {corner: f"{corner}_wheel_joint" for corner in ("front_left", "front_right")}
+NAMES |= {corner: f"{corner}_wheel_joint" for corner in ("rear_right", "rear_left")}
+
+
+def assert_equal(ours: FloatArray, theirs: FloatArray) -> None:
+    """Require equality up to the rounding of a double in sums of some tens of terms."""
+    np.testing.assert_allclose(ours, theirs, rtol=1e-12, atol=1e-12)
+
+
+def mecanum(offset: tuple[float, float, float]) -> Controller:
+    return Controller("m", MECANUM, NAMES, 0.05, {}, None, 0.4, 0.3, offset, None, None, "", {})
+
+
+def omni(count: int, angle: float) -> Controller:
+    joints = {str(row): f"wheel_{row}" for row in range(count)}
+    no_offset = (0.0, 0.0, 0.0)
+    return Controller("o", OMNI, joints, 0.04, {}, None, None, None, no_offset, 0.2, angle, "", {})
+
+
+@pytest.mark.parametrize("offset", [(0.0, 0.0, 0.0), (0.1, -0.05, 0.0), (0.2, 0.1, 0.7)])
+def test_speeds_and_twists_of_the_mecanum_controller_are_ours(
+    offset: tuple[float, float, float],
+) -> None:
+    wheels = mecanum(offset).wheels()
+    assert wheels is not None
+    assert tuple(wheels) == tuple(NAMES.values())
+    ours = PlatformKinematics(wheels)
+    for twist in TWISTS:
+        speeds = published.mecanum_speeds(twist, 0.05, 0.35, offset)
+        assert_equal(ours.wheel_speeds(twist), speeds)
+        assert_equal(published.mecanum_twist(speeds, 0.05, 0.35, offset), twist)
+        assert_equal(ours.twist(speeds), twist)
+
+
+@pytest.mark.parametrize(
+    ("count", "angle"), [(3, 0.0), (3, math.pi / 3), (4, math.pi / 4), (6, 0.0)]
+)
+def test_speeds_and_twists_of_the_omni_controller_are_ours(count: int, angle: float) -> None:
+    wheels = omni(count, angle).wheels()
+    assert wheels is not None
+    ours = PlatformKinematics(wheels)
+    for twist in TWISTS:
+        speeds = published.omni_speeds(twist, count, 0.04, 0.2, angle)
+        assert_equal(ours.wheel_speeds(twist), speeds)
+        slipping = speeds + TWISTS[0, 0] * np.arange(count)
+        assert_equal(ours.twist(slipping), published.omni_twist(slipping, 0.04, 0.2, angle))
+
+
+def test_the_published_odometry_ends_where_a_constant_twist_leads() -> None:
+    twist, period, steps = np.array((0.8, -0.3, 0.9)), 1e-3, 1000
+    pose, arc = np.zeros(3), np.zeros(3)
+    for _ in range(steps):
+        pose = published.mecanum_pose(pose, twist, period)
+        arc = published.omni_pose(arc, twist, period)
+    turn = twist[2] * steps * period
+    sin, cos = math.sin(turn), 1.0 - math.cos(turn)
+    exact = np.array((twist[0] * sin - twist[1] * cos, twist[0] * cos + twist[1] * sin)) / twist[2]
+    np.testing.assert_allclose(arc, (*exact, turn), rtol=1e-9)
+    # The mecanum controller turns before it moves: an error of half a step.
+    np.testing.assert_allclose(pose[:2], exact, atol=0.6 * twist[2] * period)
+    straight = published.omni_pose(np.zeros(3), np.array((1.0, 0.5, 0.0)), 0.1)
+    np.testing.assert_allclose(straight, (0.1, 0.05, 0.0))
+
+
+@pytest.mark.parametrize(
+    "controller",
+    [mecanum((0.0, 0.0, 0.0)), mecanum((0.1, -0.05, 0.0)), omni(3, math.pi / 3), omni(4, 0.0)],
+)
+def test_what_is_written_is_read_again(controller: Controller, tmp_path: Path) -> None:
+    wheels = controller.wheels()
+    assert wheels is not None
+    found = controller_of(wheels)
+    assert found is not None
+    path = tmp_path / "controller.yaml"
+    path.write_text(controller_file(found))
+    (again,) = read_controllers(path)
+    assert again.kind == controller.kind
+    assert again.joints == dict(controller.joints)
+    assert again.radius == controller.radius
+    assert again.offset == pytest.approx(controller.offset)
+    assert again.lever == pytest.approx(controller.lever)
+    assert again.robot_radius == pytest.approx(controller.robot_radius)
+    assert again.wheel_offset == pytest.approx(controller.wheel_offset)
+
+
+def test_no_controller_is_written_that_moves_the_wheels_otherwise() -> None:
+    wheels = mecanum((0.0, 0.0, 0.0)).wheels()
+    assert wheels is not None
+    first, *others = wheels
+    assert controller_of({name: wheels[name] for name in others}) is None
+    moved = dict(wheels)
+    moved[first] = wheels[others[0]]
+    assert controller_of(moved) is None
+
+
+PUBLISHED = """
+/**:
+  controller_manager:
+    ros__parameters:
+      drive: {type: mecanum_drive_controller/MecanumDriveController}
+      arm: {type: joint_trajectory_controller/JointTrajectoryController}
+  arm: {ros__parameters: {joints: [a, b]}}
+  drive:
+    ros__parameters:
+      front_left_wheel_command_joint_name: fl
+      front_right_wheel_command_joint_name: fr
+      rear_right_wheel_command_joint_name: rr
+      rear_left_wheel_command_joint_name: rl
+      front_left_wheel_state_joint_name: other
+      kinematics:
+        base_frame_offset: {x: 0.1, y: 0.0, theta: 0.0}
+        wheels_radius: "0.05"
+        sum_of_robot_center_projection_on_X_Y_axis: 0.35
+      base_frame_id: base_link
+"""
+FLAT = """
+/robot1/drive:
+  ros__parameters:
+    front_left_wheel_command_joint_name: fl
+    front_right_wheel_command_joint_name: fr
+    rear_right_wheel_command_joint_name: rr
+    rear_left_wheel_command_joint_name: rl
+    kinematics.wheels_radius: 5e-2
+    kinematics.sum_of_robot_center_projection_on_X_Y_axis: 0.35
+    kinematics.base_frame_offset.x: 0.1
+"""
+OTHER_NAMES = """
+/**/drive:
+  ros__parameters:
+    front_left_wheel_name: fl
+    front_right_wheel_name: fr
+    rear_right_wheel_name: rr
+    rear_left_wheel_name: rl
+    wheel_separation_x: 0.4
+    wheel_separation_y: 0.15
+    wheel_separation_y_multiplier: 2.0
+    wheel_radius: 0.025
+    wheel_radius_multiplier: 2.0
+"""
+OLDER_NAMES = """
+drive:
+  ros__parameters:
+    front_left_joint_name: fl
+    front_right_joint_name: fr
+    back_right_joint_name: rr
+    back_left_joint_name: rl
+    wheel_base: 0.4
+    wheel_separation: 0.3
+    wheel_radius: 0.05
+    back_left_wheel_radius_multiplier: 1.1
+"""
+
+
+@pytest.mark.parametrize("text", [PUBLISHED, FLAT, OTHER_NAMES, OLDER_NAMES])
+def test_parameters_of_any_release_are_read(text: str, tmp_path: Path) -> None:
+    path = tmp_path / "controllers.yaml"
+    path.write_text(text)
+    (controller,) = read_controllers(path)
+    assert controller.kind == MECANUM
+    corners = ("front_left", "front_right", "rear_right", "rear_left")
+    assert controller.joints == dict(zip(corners, ("fl", "fr", "rr", "rl"), strict=True))
+    assert controller.radius == pytest.approx(0.05)
+    assert controller.lever == pytest.approx(0.35)
+    assert controller.offset[0] == (0.1 if "base_frame_offset" in text else 0.0)
+    wheels = controller.wheels()
+    assert (wheels is None) == ("sum_of" in text)
+    if text is OLDER_NAMES:
+        assert wheels is not None
+        assert wheels["rl"].radius == pytest.approx(0.055)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (
+            ("0.35", "wide"),
+            "sum_of_robot_center_projection_on_X_Y_axis is 'wide', must be a number",
+        ),
+        (('"0.05"', "0.0"), "wheels_radius is 0, not above 0"),
+        (('"0.05"', "true"), "wheels_radius is True, must be a number"),
+        (("/**:", "{"), "is not valid YAML"),
+    ],
+)
+def test_a_wrong_parameter_is_named(change: tuple[str, str], words: str, tmp_path: Path) -> None:
+    path = tmp_path / "controllers.yaml"
+    path.write_text(PUBLISHED.replace(*change))
+    with pytest.raises(ConfigurationError, match=words):
+        read_controllers(path)
+
+
+def test_other_nodes_are_no_drive_controllers(tmp_path: Path) -> None:
+    path = tmp_path / "nav2.yaml"
+    tree = {"amcl": {"ros__parameters": {"alpha1": 0.2}}, "joint_state_broadcaster": {}}
+    path.write_text(yaml.safe_dump(tree))
+    assert read_controllers(path) == []

@@ -1,0 +1,402 @@
+"""What the files of a robot say becomes a vehicle; contradictions and gaps are listed."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+from made_robots import CONTROLLER, joint, link, mecanum_urdf, omni_urdf, write_packages
+
+from omni_core.configuration import ConfigurationError
+from omni_runs.experiment import ExperimentLibrary
+from omni_runs.workspace import ExperimentWorkspace
+from omni_tools.robot_files.described import Described
+from omni_tools.vehicles import command
+from omni_tools.vehicles.from_files import described_vehicle
+
+CONFIG = Path(__file__).parents[4] / "config"
+Write = Callable[..., Described]
+
+
+@pytest.fixture
+def described(tmp_path: Path) -> Write:
+    """Return a function that writes texts as files, and describes their vehicle."""
+
+    def write(urdf: str, *controllers: str, **options: Any) -> Described:
+        path = tmp_path / "robot.urdf"
+        path.write_text(urdf)
+        words = [str(path)]
+        for row, text in enumerate(controllers):
+            (tmp_path / f"controllers_{row}.yaml").write_text(text)
+            words.append(str(tmp_path / f"controllers_{row}.yaml"))
+        return described_vehicle(words, **options)
+
+    return write
+
+
+def test_wheels_keep_their_names_and_places(described: Write) -> None:
+    found = described(mecanum_urdf(), CONTROLLER)
+    assert found.kind == "mecanum"
+    assert found.contradictions == []
+    signs = {"fl": (1, 1), "fr": (1, -1), "rr": (-1, -1), "rl": (-1, 1)}
+    for name, (x, y) in signs.items():
+        wheel = found.wheels[f"{name}_joint"]
+        assert (wheel["x"], wheel["y"]) == (0.2 * x, 0.15 * y)
+        assert wheel["roller_angle_deg"] == -45.0 * x * y  # X seen from above
+        assert wheel["radius"] == 0.05
+        assert wheel["width"] == 0.04
+    assert any("roller directions" in one and "check-vehicle" in one for one in found.questions)
+
+
+@pytest.mark.parametrize("kind", ["continuous", "revolute", "fixed"])
+def test_wheels_may_be_held_by_any_joint(kind: str, described: Write) -> None:
+    found = described(mecanum_urdf(kind=kind, name="{}_wheel_joint"))
+    assert len(found.wheels) == 4
+    assert all("heading_deg" not in wheel for wheel in found.wheels.values())
+
+
+def test_masses_are_summed_about_their_common_center(described: Write) -> None:
+    found = described(mecanum_urdf(), CONTROLLER)
+    # The body of 10 kg is 0.02 m ahead of base_link, each wheel of 0.5 kg at its joint.
+    assert found.mass == pytest.approx(12.0)
+    assert found.center is not None
+    x = 10.0 * 0.02 / 12.0
+    np.testing.assert_allclose(found.center, (x, 0.0, (10.0 * 0.15 + 2.0 * 0.05) / 12.0), atol=1e-9)
+    wheels = 4 * 1e-3 + 2.0 * (0.2**2 + 0.15**2 + x**2)
+    assert found.yaw_inertia == pytest.approx(0.3 + 10.0 * (0.02 - x) ** 2 + wheels)
+    assert found.wheel_inertia == pytest.approx(6e-4)
+    assert found.chassis is not None
+    np.testing.assert_allclose(found.chassis, [[-0.25, -0.1], [0.25, 0.1]])
+    assert found.imu is not None
+    np.testing.assert_allclose(found.imu[:2, 3], (0.1, -0.03), atol=1e-12)
+
+
+def test_turned_links_give_the_same_vehicle(described: Write) -> None:
+    turned = mecanum_urdf().replace(
+        '<origin xyz="0.2 0.15 -0.05" rpy="0 0 0"/>',
+        f'<origin xyz="0.2 0.15 -0.05" rpy="{-math.pi / 2} 0 0"/>',
+    )
+    turned = re.sub(
+        r'(<joint name="fl_joint".*?)<axis xyz="0 1 0"/>',
+        r'\1<axis xyz="0 0 1"/>',
+        turned,
+        flags=re.S,
+    )
+    before, after = described(mecanum_urdf()), described(turned)
+    assert after.wheels["fl_joint"].get("heading_deg", 0.0) == 0.0
+    assert before.mass == after.mass
+    assert before.center is not None
+    assert after.center is not None
+    np.testing.assert_allclose(before.center, after.center, atol=1e-9)
+
+
+@pytest.mark.parametrize("named", [True, False])
+def test_omni_wheels_point_along_their_axles(named: bool, described: Write) -> None:
+    controller = """
+base:
+  ros__parameters:
+    wheel_names: [a, b, c]
+    wheel_offset: 1.0471975511965976
+    robot_radius: 0.13
+    wheel_radius: 0.05
+"""
+    found = described(omni_urdf(), *([controller] if named else []))
+    assert found.kind == "omni"
+    headings = {name: wheel.get("heading_deg", 0.0) for name, wheel in found.wheels.items()}
+    assert headings == {"a": -30.0, "b": 90.0, "c": -150.0}
+    assert all(wheel["roller_angle_deg"] == 0.0 for wheel in found.wheels.values())
+    assert found.contradictions == []
+    assert ("radius" in found.wheels["a"]) == named  # their shapes are meshes
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (("wheel_separation_y: 0.3", "wheel_separation_y: 0.26"), "track: 0.3 m in .*, 0.26 m in"),
+        (("wheel_radius: 0.05", "wheel_radius: 0.048"), "radius of .*: 0.048 m in .*, 0.05 m in"),
+        (
+            ("wheel_separation_x: 0.4", "wheel_separation_x: 0.5"),
+            "wheelbase: 0.4 m in .*, 0.5 m in",
+        ),
+        (("base_link", "base_footprint"), ""),
+        (("left_wheel_name: fl_joint", "left_wheel_name: fr_joint"), "elsewhere in"),
+    ],
+)
+def test_values_that_differ_between_files_are_listed(
+    change: tuple[str, str], words: str, described: Write
+) -> None:
+    text = CONTROLLER.replace(*change)
+    if "fr_joint" in change[1]:
+        text = text.replace("right_wheel_name: fr_joint", "right_wheel_name: fl_joint", 1)
+    contradictions = described(mecanum_urdf(), text).contradictions
+    if not words:
+        assert contradictions == []
+        return
+    assert any(re.search(words, one) and "used:" in one for one in contradictions)
+
+
+def test_an_effective_sum_is_compared_with_the_distances(described: Write) -> None:
+    lines = [line for line in CONTROLLER.splitlines() if "separation" not in line]
+    lines.append("    kinematics.sum_of_robot_center_projection_on_X_Y_axis: 0.42")
+    (found,) = described(mecanum_urdf(), "\n".join(lines)).contradictions
+    assert "half of wheelbase plus track: 0.35 m in robot.urdf, 0.42 m in" in found
+
+
+def test_a_wheel_that_turns_backward_is_listed(described: Write) -> None:
+    urdf = mecanum_urdf(axis={"fr": "0 -1 0", "rr": "0 -1 0"})
+    found = described(urdf, CONTROLLER)
+    (listed,) = found.contradictions
+    assert listed.startswith("fr_joint, rr_joint: a positive speed is forward for")
+    assert all("heading_deg" not in wheel for wheel in found.wheels.values())
+    assert abs(described(urdf).wheels["fr_joint"]["heading_deg"]) == 180.0
+
+
+def test_axles_above_the_ground_and_impossible_inertias_are_listed(described: Write) -> None:
+    urdf = mecanum_urdf(height=0.08).replace('iyy="0.0006"', 'iyy="1"')
+    listed = described(urdf, CONTROLLER).contradictions
+    assert any("height of the axles: 0.08 m above base_footprint" in one for one in listed)
+    assert any("wheel_inertia: 1 kg m^2" in one and "used: an estimate" in one for one in listed)
+
+
+def test_wheels_are_found_by_what_drives_them_or_where_they_are(described: Write) -> None:
+    arm = joint("shoulder", "base_link", "upper_arm", "0 0 0.4", axis="0 1 0") + link("upper_arm")
+    by_place = mecanum_urdf(name="{}", extra=arm)
+    assert set(described(by_place).wheels) == {"fl", "fr", "rl", "rr"}
+    driven = "".join(
+        f'<joint name="{name}"><command_interface name="velocity"/></joint>'
+        for name in ("fl", "fr", "rl", "rr")
+    )
+    extra = f'{arm}<ros2_control name="a" type="system">{driven}</ros2_control>'
+    assert set(described(mecanum_urdf(name="{}", extra=extra)).wheels) == {"fl", "fr", "rl", "rr"}
+
+
+def test_rollers_are_no_wheels(described: Write) -> None:
+    rollers = "".join(
+        joint(f"{name}_roller_{row}_wheel_joint", f"{name}_wheel", f"{name}_roller_{row}", "0 0 0")
+        + link(f"{name}_roller_{row}", mass=0.01)
+        for name in ("fl", "fr", "rl", "rr")
+        for row in range(3)
+    )
+    found = described(mecanum_urdf(extra=rollers))
+    assert set(found.wheels) == {f"{name}_joint" for name in ("fl", "fr", "rl", "rr")}
+    assert found.mass == pytest.approx(12.12)
+
+
+def test_names_with_a_namespace_or_a_dash_are_matched(described: Write) -> None:
+    text = CONTROLLER.replace("_name: ", "_name: robot1/")
+    assert set(described(mecanum_urdf(), text).wheels) == {
+        f"{name}_joint" for name in ("fl", "fr", "rl", "rr")
+    }
+    found = described(mecanum_urdf(name="{}-wheel"))
+    assert set(found.wheels) == {f"{name}_wheel" for name in ("fl", "fr", "rl", "rr")}
+    assert any("fl-wheel" in one for one in found.questions)
+
+
+@pytest.mark.parametrize(
+    ("urdf", "words"),
+    [
+        ("<robot name='a'/>", "has no links"),
+        ("<sdf/>", "its first element is <sdf>, not <robot>"),
+        ("<robot>", "is not valid XML"),
+        (
+            mecanum_urdf().replace('name="fl_wheel"', 'name="base_link"'),
+            "two links named 'base_link'",
+        ),
+        (mecanum_urdf(extra=link("alone")), "has 2 links that no joint holds"),
+        (mecanum_urdf(extra=joint("j", "base_link", "lost", "0 0 0")), "lacks the link 'lost'"),
+        (
+            mecanum_urdf().replace('radius="0.05"', 'radius="50"'),
+            "looks like millimeters or inches",
+        ),
+        (mecanum_urdf().replace('radius="0.05"', 'radius="wide"'), "which are not numbers"),
+        (f"<robot name='a'>{link('base_link')}</robot>", "has no wheels, must have three or more"),
+    ],
+)
+def test_what_describes_no_robot_is_refused(urdf: str, words: str, described: Write) -> None:
+    with pytest.raises(ConfigurationError, match=re.escape(words)) as error:
+        described(urdf)
+    assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        (CONTROLLER.replace("0.05", "50.0"), "looks like millimeters"),
+        (CONTROLLER.replace("0.05", "1.97"), "looks like inches"),
+        (
+            CONTROLLER.replace("fl_joint", "fl_joind"),
+            "'fl_joind', but robot.urdf has no such joint",
+        ),
+    ],
+)
+def test_a_controller_of_another_robot_is_refused(text: str, words: str, described: Write) -> None:
+    with pytest.raises(ConfigurationError, match=words):
+        described(mecanum_urdf(), text)
+
+
+def test_steered_wheels_and_several_controllers_are_refused(described: Write) -> None:
+    urdf = mecanum_urdf().replace('<parent link="base_link"/><child link="fl_wheel"/>',
+        '<parent link="fork"/><child link="fl_wheel"/>')  # fmt: skip
+    fork = joint("fork_joint", "base_link", "fork", "0 0 0", axis="0 0 1") + link("fork")
+    with pytest.raises(ConfigurationError, match="is steered by the joint fork_joint"):
+        described(urdf.replace("</robot>", f"{fork}</robot>"))
+    other = CONTROLLER.replace("0.3", "0.4").replace("drive:", "other:")
+    with pytest.raises(ConfigurationError, match="several controllers drive wheels"):
+        described(mecanum_urdf(), CONTROLLER, other)
+    described(mecanum_urdf(), CONTROLLER, CONTROLLER.replace("drive:", "other:"))
+
+
+def test_only_a_camera_that_looks_down_is_a_ground_sensor(described: Write) -> None:
+    down = f"0 {math.pi / 2} 0"
+    extra = joint("a", "base_link", "ground_camera", "0.1 0 0", rpy=down, kind="fixed")
+    extra += joint("b", "base_link", "front_camera", "0.2 0 0", kind="fixed")
+    extra += link("ground_camera") + link("front_camera")
+    found = described(mecanum_urdf(extra=extra))
+    assert set(found.cameras) == {"ground_camera"}
+    assert found.cameras["ground_camera"]["x"] == pytest.approx(0.1)
+    assert any("no view of the ground: front_camera" in one for one in found.questions)
+
+
+def run(tmp_path: Path, *words: str, **options: Any) -> dict[str, Any]:
+    """Run the command, and return its JSON document."""
+    out = tmp_path / "vehicle"
+    given = command.Options(name="mine", files=words, out=out, **options)
+    report = command.run(given, ExperimentWorkspace(CONFIG.parent))
+    document: dict[str, Any] = json.loads(json.dumps(report.document))
+    return document
+
+
+def test_the_written_vehicle_is_complete(tmp_path: Path) -> None:
+    (tmp_path / "robot.urdf").write_text(mecanum_urdf())
+    (tmp_path / "drive.yaml").write_text(CONTROLLER.replace("0.3\n", "0.26\n"))
+    document = run(tmp_path, str(tmp_path / "robot.urdf"), str(tmp_path / "drive.yaml"))
+    assert document["notes"] == []
+    assert any("track" in one for one in document["contradictions"])
+    experiment = ExperimentLibrary(CONFIG).load(str(tmp_path / "vehicle"), "assisted")
+    vehicle = experiment.vehicle
+    assert vehicle.body.mass == 12.0
+    assert vehicle.masses.yaw_inertia == pytest.approx(0.42967, rel=1e-4)
+    assert (experiment.brake_assist.imu_x, experiment.brake_assist.imu_y) == (0.1, -0.03)
+    text = (tmp_path / "vehicle/vehicle.yaml").read_text()
+    assert "# contradiction: track" in text
+    assert "# joints of robot.urdf; estimate: rollers" in text
+    assert yaml.safe_load(text)["chassis_length"] == 0.5
+
+
+def test_base_link_may_be_anywhere(tmp_path: Path) -> None:
+    imu = '<origin xyz="0.1 -0.03 0.02" rpy="0 0 {}"/>'
+    urdf = mecanum_urdf().replace(imu.format(0), imu.format(math.pi / 2))
+    # base_link is 0.3 m behind the body.
+    urdf = urdf.replace("base_link", "body").replace(
+        'child link="body"/>', 'child link="base_link"/>'
+    )
+    ahead = link("base_link") + joint("rear", "base_link", "body", "0.3 0 0", kind="fixed")
+    (tmp_path / "new.urdf").write_text(urdf.replace("</robot>", f"{ahead}</robot>"))
+    run(tmp_path, str(tmp_path / "new.urdf"))
+    experiment = ExperimentLibrary(CONFIG).load(str(tmp_path / "vehicle"), "assisted")
+    assert experiment.vehicle.wheels["fl_joint"].x == pytest.approx(0.5)
+    assert experiment.vehicle.chassis_x == pytest.approx(0.3)
+    assert experiment.vehicle.chassis_length == 0.5
+    assert experiment.sensors["front"].x == pytest.approx(0.3 + 0.35 * 0.5)
+    assert experiment.brake_assist.imu_x == pytest.approx(0.4)
+    assert experiment.brake_assist.imu_rotation_deg == (0.0, 0.0, 90.0)
+
+
+def test_what_is_missing_is_asked_for_and_may_be_given(tmp_path: Path) -> None:
+    lacking = r"<inertial>.*?</inertial>|<collision>.*?</collision>|<visual>.*?</visual>"
+    urdf = re.sub(lacking, "", mecanum_urdf())
+    path = tmp_path / "robot.urdf"
+    path.write_text(urdf)
+    with pytest.raises(ConfigurationError, match=r"--mass, --wheel-radius: is required.*mass of"):
+        run(tmp_path, str(path))
+    document = run(tmp_path, str(path), mass=15.0, wheel_radius=0.05, length=0.6, width=0.4)
+    assert any("what does the robot weigh?" in one for one in document["missing"])
+    vehicle = ExperimentLibrary(CONFIG).load(str(tmp_path / "vehicle"), "assisted").vehicle
+    assert vehicle.body.mass == 15.0
+    assert {mount.radius for mount in vehicle.wheels.values()} == {0.05}
+    assert (vehicle.chassis_length, vehicle.chassis_width) == (0.6, 0.4)
+
+
+def test_a_controller_alone_gives_the_wheels(tmp_path: Path) -> None:
+    (tmp_path / "drive.yaml").write_text(CONTROLLER)
+    run(tmp_path, str(tmp_path / "drive.yaml"), mass=12.0)
+    vehicle = ExperimentLibrary(CONFIG).load(str(tmp_path / "vehicle"), "assisted").vehicle
+    assert vehicle.wheels["rl_joint"].x == -0.2
+
+
+def test_a_folder_that_exists_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "vehicle").mkdir()
+    (tmp_path / "vehicle/notes.txt").write_text("mine")
+    with pytest.raises(ConfigurationError, match="exists and is not an empty folder"):
+        run(tmp_path, "robot.urdf")
+
+
+def test_xacro_finds_packages_beside_the_file(tmp_path: Path) -> None:
+    main = write_packages(tmp_path / "src")
+    found = described_vehicle([str(main), "track:=0.3"])
+    assert set(found.wheels) == {f"{name}_joint" for name in ("fl", "fr", "rl", "rr")}
+    assert found.wheels["fl_joint"]["y"] == 0.15
+    wide = described_vehicle([str(main), "track:=0.5"])
+    assert wide.wheels["fl_joint"]["y"] == 0.25
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (("find wheels_description", "find other_package"), "the package other_package is not in"),
+        (("wheel.xacro", "lost.xacro"), "lacks the file .*/lost.xacro"),
+        (("${track / 2}", "${trak / 2}"), "the property trak is not defined"),
+        (('<xacro:arg name="track" default="0.3"/>', ""), "track has no value; give track:=VALUE"),
+        (("<xacro:wheel", "<xacro:whel"), "unknown macro name: xacro:whel"),
+        (("<xacro:wheel", "<xacro:wheel<"), "is not valid XML"),
+        (("${track / 2}", "${(lambda: 0).__globals__}"), "repeat the command with --trust"),
+        (
+            ("${track / 2}", "${(x for x in [1]).gi_frame.f_back}"),
+            "repeat the command with --trust",
+        ),
+        (("${track / 2}", "${python.vars(python)}"), "vars"),
+        (("${track / 2}", "$(eval track.gi_frame)"), "repeat the command with --trust"),
+    ],
+)
+def test_what_a_xacro_file_lacks_is_named(
+    change: tuple[str, str], words: str, tmp_path: Path
+) -> None:
+    main = write_packages(tmp_path / "src")
+    text = main.read_text()
+    assert change[0] in text
+    main.write_text(text.replace(*change))
+    with pytest.raises(ConfigurationError, match=words) as error:
+        described_vehicle([str(main)])
+    assert "\n" not in str(error.value)
+
+
+def test_a_missing_package_can_be_left_out(tmp_path: Path) -> None:
+    main = write_packages(tmp_path / "src")
+    include = '<xacro:include filename="$(find lidar_description)/lidar.xacro" ns="lidar"/>'
+    call = '<xacro:lidar.sensor parent="base_link"><origin xyz="0 0 0"/></xacro:lidar.sensor>'
+    main.write_text(main.read_text().replace("</robot>", f"{include}{call}</robot>"))
+    with pytest.raises(ConfigurationError, match=r"lidar_description.*--skip-missing"):
+        described_vehicle([str(main)])
+    found = described_vehicle([str(main)], skip_missing=True)
+    assert len(found.wheels) == 4
+    assert any("lidar_description is left out" in one for one in found.questions)
+
+
+def test_python_of_a_trusted_file_is_evaluated(tmp_path: Path) -> None:
+    main = write_packages(tmp_path / "src")
+    text = main.read_text().replace("${track / 2}", "${0.15 * (1.0).__abs__()}")
+    main.write_text(text)
+    with pytest.raises(ConfigurationError, match="--trust"):
+        described_vehicle([str(main)])
+    # xacro itself refuses some names with underscores in any case.
+    with pytest.raises(ConfigurationError, match="__abs__"):
+        described_vehicle([str(main)], trust=True)
+    main.write_text(text.replace("(1.0).__abs__()", "(lambda: (1.0).__abs__())()"))
+    assert described_vehicle([str(main)], trust=True).wheels["fl_joint"]["y"] == 0.15
