@@ -166,17 +166,42 @@ def _place_wheels(
     for pairs, names in alike.items():
         remedy = "measure the height of the axle of the loaded wheel"
         found.differ(f"radius of {', '.join(names)}", dict(pairs), pairs[0][0], remedy)
-    if backward and controller is not None:
-        found.contradictions.append(
-            f"{', '.join(backward)}: a positive speed is forward for {controller.name}, but "
-            f"backward by the axis in {file}; used: {controller.name}; turn these wheels forward "
-            "by hand and look at the sign of their velocity"
+    _ask_about_directions(found, file, backward, controller)
+    if not alike:
+        found.questions.append(
+            "the shapes of the wheels are meshes: which radius do they have (--wheel-radius), and "
+            "are their middles at the joints?"
         )
     found.sources["wheels"] = f"joints of {file}"
     if found.kind == MECANUM:
         found.sources["wheels"] += "; estimate: rollers that form an X seen from above"
         found.questions.append(_ROLLERS)
     _ask_about_names(found, wheels)
+
+
+def _ask_about_directions(
+    found: Described, file: str, backward: Sequence[str], controller: Controller | None
+) -> None:
+    """List wheels that roll backward for a positive speed by their axis.
+
+    Args:
+        found: receives the sentence.
+        file: name of the robot description.
+        backward: joints whose axis contradicts the controller.
+        controller: controller; None if unknown.
+    """
+    by_hand = "turn these wheels forward by hand and look at the sign of their velocity"
+    if backward and controller is not None:
+        found.contradictions.append(
+            f"{', '.join(backward)}: a positive speed is forward for {controller.name}, but "
+            f"backward by the axis in {file}; used: {controller.name}; {by_hand}"
+        )
+    turned_back = [n for n, one in found.wheels.items() if abs(one.get("heading_deg", 0.0)) > 90.0]
+    if turned_back and controller is None and found.kind == MECANUM:
+        found.questions.append(
+            f"by their axes, {', '.join(turned_back)} roll backward for a positive speed, as "
+            f"heading_deg says: do their encoders count so? ({by_hand})"
+        )
 
 
 def _ask_about_names(found: Described, wheels: Sequence[DescribedWheel]) -> None:

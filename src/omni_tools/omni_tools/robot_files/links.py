@@ -104,14 +104,13 @@ class Robot:
         links: links, keyed by name.
         joints: joints, keyed by name.
         driven: names of the joints that ros2_control drives by velocity.
-        text: the description as text.
 
     Raises:
         ConfigurationError: the text is not a URDF, a value is invalid, or the links form no tree.
     """
 
     def __init__(self, file: str, text: str) -> None:
-        self.file, self.text = file, text
+        self.file = file
         try:
             root = ElementTree.fromstring(text)
         except (ElementTree.ParseError, ValueError) as error:
