@@ -47,6 +47,14 @@ class FrameClock:
         """Frame rate measured from the times of arrival [1/s]."""
         return 1e9 / self._period_ns
 
+    @property
+    def is_off_rate(self) -> bool:
+        """Whether the rate has left the range around the configured rate that is possible.
+
+        The stamps are then wrong, as those of a camera that an encoder triggers.
+        """
+        return not abs(self._period_ns / self._nominal_ns - 1.0) < _WIDEST
+
     def take(self, arrival_ns: int, number: int | None = None) -> tuple[int, int]:
         """Return the stamp of a frame [ns] and the number of frames lost before it.
 
@@ -86,7 +94,8 @@ class LineAssembler:
     """Extracts lines from frames and assembles them into stamped batches.
 
     A batch never extends across lost frames, so consecutive lines are always one line period apart.
-    The odometry detects a gap between two batches from the stamps.
+    The odometry detects a gap between two batches from the stamps. While the frames have another
+    rate than configured, their lines are dropped.
 
     Attributes:
         clock: clock that stamps the frames and counts lost ones.
@@ -133,6 +142,9 @@ class LineAssembler:
         period_ns = 1e9 / rate
         stamps_ns = stamp_ns + np.rint(period_ns * np.arange(1 - len(lines), 1)).astype(np.int64)
         ready = self.finish() if lost else []
+        if self.clock.is_off_rate:
+            self._waiting = []
+            return ready
         # Batches end at multiples of their duration, so that the batches of several cameras end at
         # the same time.
         batch_ns = 1e9 * self._configuration.batch
