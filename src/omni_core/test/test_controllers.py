@@ -19,11 +19,10 @@ SPEEDS = np.random.default_rng(3).uniform(-20.0, 20.0, (20, 4))  # [rad/s]
 def mecanum_drive_controller(
     speeds: FloatArray, radius: float, projections: float, offset: tuple[float, float, float]
 ) -> FloatArray:
-    """Return the twist of `base_link` from the speeds of front left, back left, back right, front
-    right.
+    """Return the twist of `base_link`.
 
     Args:
-        speeds: wheel speeds [rad/s], shape (4,).
+        speeds: speeds of front left, back left, back right, front right [rad/s], shape (4,).
         radius: `kinematics.wheels_radius` [m].
         projections: `kinematics.sum_of_robot_center_projection_on_X_Y_axis` [m].
         offset: `kinematics.base_frame_offset`: x, y [m] and angle [rad] of base_link at the center.

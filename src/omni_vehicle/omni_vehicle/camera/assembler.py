@@ -27,6 +27,8 @@ class FrameClock:
     Attributes:
         lost: number of lost frames so far.
         resets: number of resets of the clock so far.
+        is_off_rate: whether the rate of the frames is farther from the configured rate than that of
+            a free-running camera can be; the stamps are then wrong.
     """
 
     def __init__(self, rate: float) -> None:
@@ -41,19 +43,12 @@ class FrameClock:
         self._number: int | None = None
         self.lost = 0
         self.resets = 0
+        self.is_off_rate = False
 
     @property
     def rate(self) -> float:
         """Frame rate measured from the times of arrival [1/s]."""
         return 1e9 / self._period_ns
-
-    @property
-    def is_off_rate(self) -> bool:
-        """Whether the rate has left the range around the configured rate that is possible.
-
-        The stamps are then wrong, as those of a camera that an encoder triggers.
-        """
-        return not abs(self._period_ns / self._nominal_ns - 1.0) < _WIDEST
 
     def take(self, arrival_ns: int, number: int | None = None) -> tuple[int, int]:
         """Return the stamp of a frame [ns] and the number of frames lost before it.
@@ -84,9 +79,9 @@ class FrameClock:
             return round(self._last_ns), max(lost, 1)
         self._last_ns += steps * self._period_ns + _FOLLOWED * error
         moved = self._period_ns + _DRIFT * error / steps
-        self._period_ns = min(
-            max(moved, self._nominal_ns * (1.0 - _WIDEST)), self._nominal_ns * (1.0 + _WIDEST)
-        )
+        slowest, fastest = (self._nominal_ns * (1.0 + w) for w in (_WIDEST, -_WIDEST))
+        self._period_ns = min(max(moved, fastest), slowest)
+        self.is_off_rate = self._period_ns != moved
         return round(self._last_ns), lost
 
 
