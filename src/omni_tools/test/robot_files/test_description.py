@@ -12,6 +12,8 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from made_robots import CONTROLLER, joint, link, mecanum_urdf, omni_urdf, write_packages
 
 from omni_core.configuration import ConfigurationError
@@ -226,6 +228,30 @@ def test_what_describes_no_robot_is_refused(urdf: str, words: str, described: Wr
     with pytest.raises(ConfigurationError, match=re.escape(words)) as error:
         described(urdf)
     assert "\n" not in str(error.value)
+
+
+@settings(max_examples=150, deadline=None)
+@given(data=st.data())
+def test_any_wrong_value_is_refused_in_a_sentence(
+    data: st.DataObject, tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    folder = tmp_path_factory.mktemp("robot")
+    urdf, text = mecanum_urdf(), CONTROLLER
+    wrong = st.sampled_from(["nan", "-1", "1e400", "", "0", "1 2", "x", "0 0 0", "1e-9", "900"])
+    values = [match.span(1) for match in re.finditer(r'="([^"]*)"', urdf)]
+    for first, last in sorted(data.draw(st.sets(st.sampled_from(values), max_size=3)))[::-1]:
+        urdf = urdf[:first] + data.draw(wrong) + urdf[last:]
+    lines = [match.span(1) for match in re.finditer(r": ([\w.]+)$", text, re.MULTILINE)]
+    for first, last in sorted(data.draw(st.sets(st.sampled_from(lines), max_size=2)))[::-1]:
+        text = text[:first] + data.draw(wrong) + text[last:]
+    (folder / "robot.urdf").write_text(urdf)
+    (folder / "drive.yaml").write_text(text)
+    said = ""
+    try:
+        described_vehicle([str(folder / "robot.urdf"), str(folder / "drive.yaml")])
+    except ConfigurationError as error:
+        said = str(error)
+    assert "\n" not in said
 
 
 @pytest.mark.parametrize(
