@@ -49,6 +49,11 @@ def base_link(robot: Robot, controller: Controller | None) -> str:
     named = [name for name in robot.links if re.fullmatch(r"(.*[/_])?base_link", name)]
     if len(named) == 1 or "base_link" in named:
         return "base_link" if "base_link" in named else named[0]
+    above = [one for one in named if set(named) <= set(robot.below(one))]
+    if controller is not None and controller.base in named:
+        return controller.base
+    if above:  # the others are those of an arm
+        return above[0]
     if named:
         raise ConfigurationError(
             "--from",

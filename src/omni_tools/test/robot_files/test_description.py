@@ -145,6 +145,29 @@ def test_values_that_differ_between_files_are_listed(
     assert any(re.search(words, one) and "used:" in one for one in contradictions)
 
 
+def test_the_offset_of_the_controller_is_compared(described: Write) -> None:
+    text = f"{CONTROLLER}    kinematics.base_frame_offset.x: 0.1\n"
+    (listed,) = described(mecanum_urdf(), text).contradictions
+    assert listed.startswith("center of the wheels in base_link: (0, 0) m in robot.urdf, (-0.1, ")
+    urdf = mecanum_urdf().replace('xyz="0.2 ', 'xyz="0.1 ').replace('xyz="-0.2 ', 'xyz="-0.3 ')
+    assert described(urdf, text).contradictions == []
+
+
+def test_a_file_without_a_known_controller_is_named(described: Write) -> None:
+    found = described(mecanum_urdf(), "amcl: {ros__parameters: {alpha1: 0.2}}")
+    assert any("controllers_0.yaml contains no known controller" in one for one in found.questions)
+
+
+def test_base_link_of_an_arm_is_not_that_of_the_robot(described: Write) -> None:
+    arm = joint("arm", "robot_base_link", "arm_base_link", "0 0 0.1", kind="fixed")
+    urdf = mecanum_urdf().replace("base_link", "robot_base_link")
+    found = described(urdf.replace("</robot>", f"{arm}{link('arm_base_link')}</robot>"))
+    assert found.wheels["fl_joint"]["x"] == 0.2
+    apart = joint("a", "base_footprint", "arm_base_link", "0 0 0.1", kind="fixed")
+    with pytest.raises(ConfigurationError, match="several links named base_link"):
+        described(urdf.replace("</robot>", f"{apart}{link('arm_base_link')}</robot>"))
+
+
 def test_an_effective_sum_is_compared_with_the_distances(described: Write) -> None:
     lines = [line for line in CONTROLLER.splitlines() if "separation" not in line]
     lines.append("    kinematics.sum_of_robot_center_projection_on_X_Y_axis: 0.42")
