@@ -24,6 +24,7 @@ from omni_tools.robot_files.wheels import DescribedWheel, base_link, described_w
 
 _RADII = 1e-3, 1.0  # radii of omni-wheels in use [m]
 _UNITS = {"millimeters": 1000.0, "inches": 1.0 / 0.0254}  # lengths of a meter
+_OBLIQUE = 10.0  # smallest angle of a Mecanum wheel's rollers from its axle and its plane [deg]
 _ALIKE = 0.1  # difference of two radii in the same unit, relative [1]
 _FARTHEST = 10.0  # distance of a wheel from the center of all wheels [m]
 _ROLLERS = (
@@ -137,6 +138,7 @@ def _place_wheels(
     center = np.mean([wheel.place[:2] for wheel in wheels], axis=0)
     assumed = _assumed(controller)
     backward: list[str] = []
+    oblique: dict[str, float] = {}
     alike: dict[tuple[tuple[str, float], ...], list[str]] = {}  # joints with the same radii
     for wheel in wheels:
         heading, factor = assumed.get(wheel.joint, (wheel.heading_deg, 1.0))
@@ -151,6 +153,8 @@ def _place_wheels(
         ahead, left = turned(wheel.place[:2] - center, -math.radians(heading))
         across = (ahead > 0.0) == (left > 0.0)  # front left and rear right
         values["roller_angle_deg"] = 0.0 if found.kind == OMNI else -45.0 if across else 45.0
+        if wheel.roller_deg is not None and _OBLIQUE < abs(wheel.roller_deg) < 90.0 - _OBLIQUE:
+            oblique[wheel.joint] = wheel.roller_deg
         radii = {"--wheel-radius": radius or 0.0}
         if controller is not None:
             radii[controller.name] = (controller.radius or 0.0) * factor
@@ -174,9 +178,35 @@ def _place_wheels(
         )
     found.sources["wheels"] = f"joints of {file}"
     if found.kind == MECANUM:
-        found.sources["wheels"] += "; estimate: rollers that form an X seen from above"
-        found.questions.append(_ROLLERS)
+        _estimate_rollers(found, file, oblique, controller)
     _ask_about_names(found, wheels)
+
+
+def _estimate_rollers(
+    found: Described, file: str, oblique: Mapping[str, float], controller: Controller | None
+) -> None:
+    """Mark the roller directions as an estimate, or take those of Gazebo's friction.
+
+    Args:
+        found: vehicle whose rollers form an X seen from above.
+        file: name of the robot description.
+        oblique: angles of the rollers in Gazebo [deg], keyed by joint.
+        controller: controller, which assumes an X; None if unknown.
+    """
+    kept = {name: found.wheels[INVALID.sub("_", name)] for name in oblique}
+    other = [n for n, one in kept.items() if one["roller_angle_deg"] * oblique[n] < 0.0]
+    if other:
+        used = f"an X, as {controller.name} assumes" if controller else "fdir1"
+        found.contradictions.append(
+            f"rollers of {', '.join(other)}: fdir1 of {file} is not that of an X seen from above; "
+            f"used: {used}; look at the rollers"
+        )
+    if controller is None:
+        for name, wheel in kept.items():
+            wheel["roller_angle_deg"] = oblique[name]
+    shape = "rollers of fdir1" if oblique and controller is None else "rollers that form an X"
+    found.sources["wheels"] += f"; estimate: {shape} seen from above"
+    found.questions.append(_ROLLERS)
 
 
 def _ask_about_directions(

@@ -168,6 +168,31 @@ def test_base_link_of_an_arm_is_not_that_of_the_robot(described: Write) -> None:
         described(urdf.replace("</robot>", f"{apart}{link('arm_base_link')}</robot>"))
 
 
+def test_rollers_are_those_of_the_friction_in_gazebo(described: Write) -> None:
+    def gazebo(sign: int, mu: str = "<mu>1</mu><mu2>0</mu2>") -> str:
+        return "".join(
+            f'<gazebo reference="{name}_wheel"><collision>{mu}<fdir1 gz:expressed_in="base_link">'
+            f"1 {sign * y} 0</fdir1></collision></gazebo>"
+            for name, y in (("fl", -1), ("fr", 1), ("rl", 1), ("rr", -1))
+        )
+
+    def angles(extra: str, *controllers: str) -> tuple[list[float], list[str]]:
+        urdf = mecanum_urdf(extra=extra).replace("<robot", '<robot xmlns:gz="gz"')
+        found = described(urdf, *controllers)
+        return [one["roller_angle_deg"] for one in found.wheels.values()], found.contradictions
+
+    shape = angles("", CONTROLLER)[0]
+    reverse = [-angle for angle in angles("")[0]]
+    assert angles(gazebo(1)) == ([-angle for angle in reverse], [])
+    assert angles(gazebo(-1, "<mu>0</mu><mu2>1</mu2>")) == ([-angle for angle in reverse], [])
+    opposite, listed = angles(gazebo(-1))
+    assert opposite == reverse
+    assert "used: fdir1" in listed[0]
+    used, listed = angles(gazebo(-1), CONTROLLER)
+    assert used == shape
+    assert "as drive (controllers_0.yaml) assumes" in listed[0]
+
+
 def test_an_effective_sum_is_compared_with_the_distances(described: Write) -> None:
     lines = [line for line in CONTROLLER.splitlines() if "separation" not in line]
     lines.append("    kinematics.sum_of_robot_center_projection_on_X_Y_axis: 0.42")
