@@ -112,6 +112,7 @@ def test_a_sensor_off_the_center_and_a_gyro_measure_the_whole_twist(
     assert (adapter.package, adapter.executable) == ("omni_vehicle", "twist_adapter")
     assert ("imu", "imu/data") in assistant.remappings
     own = file == OTOS
+    assert ("shared_gyro: true" in assistant.files[0].read_text()) is not own
     name = "otos" if own else "chip"
     sensor = FlowSensor(x=0.1016, y=-0.0508, heading_deg=-90.0)
     sensor = sensor if own else FlowSensor(x=0.36, y=0.0, heading_deg=0.0)
