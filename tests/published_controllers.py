@@ -80,25 +80,3 @@ def omni_twist(speeds: FloatArray, radius: float, distance: float, offset: float
     """Return the twist that fits the speeds best."""
     matrix = omni_matrix(len(speeds), distance, offset)
     return np.asarray(np.linalg.lstsq(matrix, speeds * radius, rcond=None)[0])
-
-
-def omni_pose(pose: FloatArray, twist: FloatArray, period: float) -> FloatArray:
-    """Return the pose after a period along the arc of a constant twist."""
-    d_x, d_y, turn = (twist * period).tolist()
-    before, after = pose[2], pose[2] + turn
-    sin, cos = (math.sin(after) - math.sin(before)), (math.cos(after) - math.cos(before))
-    if abs(turn) < 1e-6:
-        return np.array(
-            (
-                pose[0] + d_x * math.cos(before) - d_y * math.sin(before),
-                pose[1] + d_x * math.sin(before) + d_y * math.cos(before),
-                after,
-            )
-        )
-    return np.array(
-        (
-            pose[0] + (d_x * sin + d_y * cos) / turn,
-            pose[1] + (d_y * sin - d_x * cos) / turn,
-            after,
-        )
-    )

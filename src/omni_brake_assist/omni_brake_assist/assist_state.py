@@ -54,6 +54,7 @@ class Constants(NamedTuple):
         bank: constants of the filter bank, which detects sensor faults.
         effect: constants of the effect monitor, which detects braking with too little effect.
         brakes: constants of the brake monitor, which detects failed brakes.
+        shared_gyro: whether the yaw rate of the twist is not used, because it is that of the IMU.
         center: center of the wheels in the body frame [m], shape (2,).
         r_x: wheel positions, x [m], shape (N,).
         r_y: wheel positions, y [m], shape (N,).
@@ -73,6 +74,7 @@ class Constants(NamedTuple):
     bank: bank_state.BankConstants
     effect: effect_monitor.EffectConstants
     brakes: brake_monitor.BrakeConstants
+    shared_gyro: bool
     center: FloatArray
     r_x: FloatArray
     r_y: FloatArray
@@ -181,6 +183,7 @@ def make_constants(
         bank_state.bank_constants(configuration, geometry),
         effect_monitor.effect_constants(configuration, geometry),
         brake_monitor.brake_constants(configuration, geometry),
+        configuration.shared_gyro,
         center,
         r_x,
         r_y,

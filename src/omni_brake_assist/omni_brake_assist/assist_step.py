@@ -146,16 +146,19 @@ def _store_twist(constants: Constants, memory: Memory, received: TwistSample) ->
         twist[i] = received.value[i]
         for j in range(3):
             covariance[i, j] = received.covariance[i, j]
-    if x == 0.0 and y == 0.0:
-        return
-    twist[0] -= y * twist[2]
-    twist[1] += x * twist[2]
-    for j in range(3):
-        covariance[0, j] -= y * covariance[2, j]
-        covariance[1, j] += x * covariance[2, j]
-    for j in range(3):
-        covariance[j, 0] -= y * covariance[j, 2]
-        covariance[j, 1] += x * covariance[j, 2]
+    if x != 0.0 or y != 0.0:
+        twist[0] -= y * twist[2]
+        twist[1] += x * twist[2]
+        for j in range(3):
+            covariance[0, j] -= y * covariance[2, j]
+            covariance[1, j] += x * covariance[2, j]
+        for j in range(3):
+            covariance[j, 0] -= y * covariance[j, 2]
+            covariance[j, 1] += x * covariance[j, 2]
+    if constants.shared_gyro:
+        for j in range(3):
+            covariance[2, j] = covariance[j, 2] = 0.0
+        covariance[2, 2] = UNMEASURED_VARIANCE
 
 
 @inlined

@@ -135,6 +135,9 @@ class BrakeAssistConfiguration(Configuration):
     imu_rotation_deg: tuple[float, ...] = parameter((), unit="deg", minimum=-360.0, maximum=360.0)
     """Roll, pitch and yaw of the IMU's axes in base_link, as `rpy` of a joint in a URDF but in deg;
     empty if the messages have the axes of base_link"""
+    shared_gyro: bool = parameter(False)
+    """Whether the yaw rate of the twist comes from the same IMU as the readings of the assistant,
+    so that it is no second measurement of the yaw rate"""
     feedback_delay: float = parameter(0.0, unit="s", minimum=0.0, maximum=0.2)
     """Time from the motion that a twist describes to the stamp of the twist; compensated by
     prediction with the IMU"""

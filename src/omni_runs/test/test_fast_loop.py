@@ -13,7 +13,7 @@ from made_histories import first_difference
 
 from omni_brake_assist.conditions import AssistState
 from omni_core.configuration import ConfigurationError
-from omni_core.quantities import SECOND_NS
+from omni_core.quantities import SECOND_NS, FloatArray
 from omni_core.signals import UNMEASURED_VARIANCE, TwistSample
 from omni_runs.compiled import run_fast_loop
 from omni_runs.experiment import ExperimentConfiguration, ExperimentLibrary
@@ -194,6 +194,25 @@ def test_a_stop_does_not_depend_on_the_position_of_base_link(law: str) -> None:
     np.testing.assert_allclose(moved.pose[both, 2], run.pose[both, 2], atol=1e-6)
     np.testing.assert_allclose(np.hypot(*between.T), math.hypot(*MOVED), rtol=1e-6)
     np.testing.assert_allclose(moved.enable[both], run.enable[both], atol=1e-6)
+
+
+@pytest.mark.parametrize("law", ["sliding_mode", "allocation"])
+def test_a_fault_of_a_gyro_that_also_gives_the_twist_is_no_worse_than_no_assistance(
+    law: str,
+) -> None:
+    error, onset = 0.5, 1.2  # [rad/s], [s]
+    fault = f"faults={{a: {{channel: gyro, kind: offset, time: {onset}, amplitude: {error}}}}}"
+    given = f"brake_assist.law={law}", "brake_assist.shared_gyro=true", "imu.enabled=true", fault
+    random = np.random.default_rng(5)
+
+    def flow_and_gyro(stamp_ns: int, true: FloatArray, _: FloatArray) -> TwistSample:
+        value = true + random.normal(0.0, 0.01, 3)
+        value[2] += error if stamp_ns >= onset * SECOND_NS else 0.0
+        return TwistSample(stamp_ns, value, 1e-4 * np.eye(3))
+
+    assisted = run_fast_loop(load("straight_line", "assisted", *given), flow_and_gyro)
+    unassisted = run_fast_loop(load("straight_line", "unassisted"))
+    assert abs(assisted.pose[-1, 2]) < abs(unassisted.pose[-1, 2])
 
 
 def with_base_link_elsewhere(experiment: ExperimentConfiguration) -> ExperimentConfiguration:

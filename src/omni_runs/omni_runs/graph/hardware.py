@@ -242,20 +242,28 @@ def read_hardware(name: str, library: ExperimentLibrary) -> Hardware:
     if not tree.get("wheels"):
         raise ConfigurationError("wheels", "is required: the wheels of the vehicle by name")
     brake_assist = _part(tree, BRAKE_ASSIST, BrakeAssistConfiguration, wheels=tree["wheels"])
-    odometry = adapter = None
+    return _with_sources(tree, brake_assist)
+
+
+def _with_sources(tree: Mapping[str, Any], assistant: BrakeAssistConfiguration) -> Hardware:
+    """Return the nodes of a vehicle's file for its assistant and the sensors of the twist."""
     sensors = {kind: tree.get(kind) or {} for kind in ("sensors", "flow_sensors")}
-    if TWIST_ADAPTER in tree and (sensors["sensors"] or len(sensors["flow_sensors"]) != 1):
+    is_single = not sensors["sensors"] and len(sensors["flow_sensors"]) == 1
+    if TWIST_ADAPTER in tree and not is_single:
         problem = "is for exactly one of flow_sensors and no line camera"
         raise ConfigurationError(TWIST_ADAPTER, problem)
-    if not sensors["sensors"] and len(sensors["flow_sensors"]) == 1:
-        adapter = _single_flow_sensor(tree, brake_assist)
-    elif any(sensors.values()):
-        odometry = _part(tree, "odometry", OdometryConfiguration, **sensors)
-    elif "odometry" in tree:
+    if is_single:
+        adapter = _single_flow_sensor(tree, assistant)
+        is_shared = assistant.shared_gyro or adapter.gyro == "imu"
+        shared = dataclasses.replace(assistant, shared_gyro=is_shared)
+        return Hardware(shared, None, adapter)
+    if any(sensors.values()):
+        return Hardware(assistant, _part(tree, "odometry", OdometryConfiguration, **sensors))
+    if "odometry" in tree:
         raise ConfigurationError(
             "odometry", "needs the line cameras under sensors, or flow sensors under flow_sensors"
         )
-    return Hardware(brake_assist, odometry, adapter)
+    return Hardware(assistant, None)
 
 
 class _OneFlowSensor(Configuration):

@@ -63,7 +63,7 @@ def weigh(
     center, inertia = _mass_center(robot, base, mass)
     found.mass = rounded(mass)
     found.center = None if ground is None else center - np.array((0.0, 0.0, ground))
-    source = f"summed over the links of {robot.file}"
+    source = f"sum over the links of {robot.file}"
     found.sources |= dict.fromkeys(("body.mass", "body.x"), source)
     reach = 0.5 * math.hypot(found.measured["length"], found.measured["width"])
     found.yaw_inertia = _possible(found, "body.yaw_inertia", inertia, mass * reach**2, source)

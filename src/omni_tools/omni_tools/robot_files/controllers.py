@@ -16,6 +16,7 @@ import numpy as np
 
 from omni_core.configuration import ConfigurationError
 from omni_core.geometry import PlatformGeometry, WheelMount, turned
+from omni_core.kinematics import PlatformKinematics
 from omni_runs.yaml_files import commented_yaml, read_mapping
 
 MECANUM, OMNI = "mecanum", "omni"
@@ -126,8 +127,8 @@ class Controller(NamedTuple):
 
 
 def wrapped(angle: float) -> float:
-    """Return an angle between -180 and 180 deg."""
-    return (angle + 180.0) % 360.0 - 180.0
+    """Return an angle above -180 deg and up to 180 deg."""
+    return 180.0 - (180.0 - angle) % 360.0
 
 
 def read_controllers(path: Path) -> list[Controller]:
@@ -243,7 +244,7 @@ def _number(values: Mapping[str, Any], key: str, name: str, usual: float | None 
 
 
 def controller_of(wheels: Mapping[str, WheelMount], name: str = "") -> Controller | None:
-    """Return the published controller that moves a vehicle exactly; None if neither can.
+    """Return the published controller with the kinematics of a vehicle; None if neither has it.
 
     Args:
         wheels: wheels in the base frame, keyed by joint.
@@ -252,23 +253,14 @@ def controller_of(wheels: Mapping[str, WheelMount], name: str = "") -> Controlle
     geometry = PlatformGeometry.from_wheels(wheels)
     if np.ptp(geometry.radius) > 0.0 or len(wheels) < 3:
         return None
+    speeds = PlatformKinematics(wheels).wheel_speeds(np.eye(3))
     for found in (_mecanum(geometry, name), _omni(geometry, name)):
         again = found and found.wheels()
-        if again and all(_same(again[joint], mount) for joint, mount in wheels.items()):
-            return found
+        if again and set(again) == set(wheels):
+            theirs = PlatformKinematics({name: again[name] for name in wheels})
+            if np.allclose(theirs.wheel_speeds(np.eye(3)), speeds, rtol=1e-4, atol=1e-3):
+                return found
     return None
-
-
-def _same(one: WheelMount, other: WheelMount, rounding: float = 1e-4) -> bool:
-    """Return whether two wheels differ by less than a rounding [m], and of angles by 0.01 deg."""
-    angles = [
-        abs((a - b + half) % (2.0 * half) - half)
-        for a, b, half in (
-            (one.heading_deg, other.heading_deg, 180.0),
-            (one.roller_angle_deg, other.roller_angle_deg, 90.0),
-        )
-    ]
-    return math.hypot(one.x - other.x, one.y - other.y) < rounding and max(angles) < 1e-2
 
 
 def _mecanum(geometry: PlatformGeometry, name: str) -> Controller | None:

@@ -24,6 +24,7 @@ from omni_tools.robot_files.wheels import DescribedWheel, base_link, described_w
 
 _RADII = 1e-3, 1.0  # radii of omni-wheels in use [m]
 _UNITS = {"millimeters": 1000.0, "inches": 1.0 / 0.0254}  # lengths of a meter
+_OBLIQUE = 10.0  # smallest angle of a Mecanum wheel's rollers from its axle and its plane [deg]
 _ALIKE = 0.1  # difference of two radii in the same unit, relative [1]
 _FARTHEST = 10.0  # distance of a wheel from the center of all wheels [m]
 _ROLLERS = (
@@ -137,6 +138,7 @@ def _place_wheels(
     center = np.mean([wheel.place[:2] for wheel in wheels], axis=0)
     assumed = _assumed(controller)
     backward: list[str] = []
+    oblique: dict[str, float] = {}
     alike: dict[tuple[tuple[str, float], ...], list[str]] = {}  # joints with the same radii
     for wheel in wheels:
         heading, factor = assumed.get(wheel.joint, (wheel.heading_deg, 1.0))
@@ -151,6 +153,8 @@ def _place_wheels(
         ahead, left = turned(wheel.place[:2] - center, -math.radians(heading))
         across = (ahead > 0.0) == (left > 0.0)  # front left and rear right
         values["roller_angle_deg"] = 0.0 if found.kind == OMNI else -45.0 if across else 45.0
+        if wheel.roller_deg is not None and _OBLIQUE < abs(wheel.roller_deg) < 90.0 - _OBLIQUE:
+            oblique[wheel.joint] = wheel.roller_deg
         radii = {"--wheel-radius": radius or 0.0}
         if controller is not None:
             radii[controller.name] = (controller.radius or 0.0) * factor
@@ -166,17 +170,68 @@ def _place_wheels(
     for pairs, names in alike.items():
         remedy = "measure the height of the axle of the loaded wheel"
         found.differ(f"radius of {', '.join(names)}", dict(pairs), pairs[0][0], remedy)
-    if backward and controller is not None:
-        found.contradictions.append(
-            f"{', '.join(backward)}: a positive speed is forward for {controller.name}, but "
-            f"backward by the axis in {file}; used: {controller.name}; turn these wheels forward "
-            "by hand and look at the sign of their velocity"
+    _ask_about_directions(found, file, backward, controller)
+    if not alike:
+        found.questions.append(
+            "the shapes of the wheels are meshes: which radius do they have (--wheel-radius), and "
+            "are their middles at the joints?"
         )
     found.sources["wheels"] = f"joints of {file}"
     if found.kind == MECANUM:
-        found.sources["wheels"] += "; estimate: rollers that form an X seen from above"
-        found.questions.append(_ROLLERS)
+        _estimate_rollers(found, file, oblique, controller)
     _ask_about_names(found, wheels)
+
+
+def _estimate_rollers(
+    found: Described, file: str, oblique: Mapping[str, float], controller: Controller | None
+) -> None:
+    """Mark the roller directions as an estimate, or take those of Gazebo's friction.
+
+    Args:
+        found: vehicle whose rollers form an X seen from above.
+        file: name of the robot description.
+        oblique: angles of the rollers in Gazebo [deg], keyed by joint.
+        controller: controller, which assumes an X; None if unknown.
+    """
+    kept = {name: found.wheels[INVALID.sub("_", name)] for name in oblique}
+    other = [n for n, one in kept.items() if one["roller_angle_deg"] * oblique[n] < 0.0]
+    if other:
+        used = f"an X, as {controller.name} assumes" if controller else "fdir1"
+        found.contradictions.append(
+            f"rollers of {', '.join(other)}: fdir1 of {file} is not that of an X seen from above; "
+            f"used: {used}; look at the rollers"
+        )
+    if controller is None:
+        for name, wheel in kept.items():
+            wheel["roller_angle_deg"] = oblique[name]
+    shape = "rollers of fdir1" if oblique and controller is None else "rollers that form an X"
+    found.sources["wheels"] += f"; estimate: {shape} seen from above"
+    found.questions.append(_ROLLERS)
+
+
+def _ask_about_directions(
+    found: Described, file: str, backward: Sequence[str], controller: Controller | None
+) -> None:
+    """List wheels that roll backward for a positive speed by their axis.
+
+    Args:
+        found: receives the sentence.
+        file: name of the robot description.
+        backward: joints whose axis contradicts the controller.
+        controller: controller; None if unknown.
+    """
+    by_hand = "turn these wheels forward by hand and look at the sign of their velocity"
+    if backward and controller is not None:
+        found.contradictions.append(
+            f"{', '.join(backward)}: a positive speed is forward for {controller.name}, but "
+            f"backward by the axis in {file}; used: {controller.name}; {by_hand}"
+        )
+    turned_back = [n for n, one in found.wheels.items() if abs(one.get("heading_deg", 0.0)) > 90.0]
+    if turned_back and controller is None and found.kind == MECANUM:
+        found.questions.append(
+            f"by their axes, {', '.join(turned_back)} roll backward for a positive speed, as "
+            f"heading_deg says: do their encoders count so? ({by_hand})"
+        )
 
 
 def _ask_about_names(found: Described, wheels: Sequence[DescribedWheel]) -> None:

@@ -104,14 +104,14 @@ class Robot:
         links: links, keyed by name.
         joints: joints, keyed by name.
         driven: names of the joints that ros2_control drives by velocity.
-        text: the description as text.
+        grips: extensions for Gazebo with a direction of friction, keyed by link.
 
     Raises:
         ConfigurationError: the text is not a URDF, a value is invalid, or the links form no tree.
     """
 
     def __init__(self, file: str, text: str) -> None:
-        self.file, self.text = file, text
+        self.file = file
         try:
             root = ElementTree.fromstring(text)
         except (ElementTree.ParseError, ValueError) as error:
@@ -125,7 +125,39 @@ class Robot:
             for joint in root.findall("ros2_control/joint")
             if any(one.get("name") == "velocity" for one in joint.findall("command_interface"))
         )
+        self.grips = {
+            element.get("reference", ""): element
+            for element in root.findall("gazebo")
+            if element.find(".//fdir1") is not None
+        }
         self._check_tree()
+
+    def grip(self, link: str, base: str) -> FloatArray | None:
+        """Return the direction of a link's larger friction in Gazebo, shape (3,); None if unknown.
+
+        It is `fdir1` in the frame `expressed_in`, or in that of the link; if the friction `mu`
+        along it is less than `mu2`, it is the direction across.
+
+        Args:
+            link: name of the link.
+            base: name of the link in whose frame the direction is returned.
+        """
+        element = self.grips.get(link)
+        if element is None:
+            return None
+        friction = {one.tag: one.text or "" for one in element.iter()}
+        (first,) = list(element.iter("fdir1"))[:1]
+        named = [value for key, value in first.attrib.items() if key.endswith("expressed_in")]
+        frame = named[0] if named and named[0] in self.links else link
+        try:
+            direction = np.array([float(word) for word in friction["fdir1"].split()])
+            along, across = float(friction.get("mu", friction.get("mu1", "1"))), friction.get("mu2")
+            direction = self.pose(frame, base)[:3, :3] @ direction
+            if across is not None and along < float(across):
+                direction = np.cross((0.0, 0.0, 1.0), direction)
+        except ValueError:
+            return None
+        return np.asarray(direction)
 
     def _wrong(self, problem: str) -> ConfigurationError:
         return ConfigurationError("--from", f"{self.file} {problem}")

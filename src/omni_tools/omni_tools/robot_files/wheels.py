@@ -29,6 +29,8 @@ class DescribedWheel(NamedTuple):
         joint: name of its joint.
         place: origin of the joint [m], shape (3,).
         heading_deg: rolling direction for a positive speed of the joint, counter-clockwise from x.
+        roller_deg: axis of the rollers from the rolling direction, above -90 and up to 90 deg; None
+            if the description does not contain it.
         radii: radii of the wheel [m], keyed by ``collision`` and ``visual``; without meshes.
         width: width of the wheel [m]; 0 if unknown.
         beside: distance from the joint to the middle of the collision shape, along the axis [m].
@@ -38,6 +40,7 @@ class DescribedWheel(NamedTuple):
     joint: str
     place: FloatArray
     heading_deg: float
+    roller_deg: float | None
     radii: dict[str, float]
     width: float
     beside: float
@@ -49,6 +52,11 @@ def base_link(robot: Robot, controller: Controller | None) -> str:
     named = [name for name in robot.links if re.fullmatch(r"(.*[/_])?base_link", name)]
     if len(named) == 1 or "base_link" in named:
         return "base_link" if "base_link" in named else named[0]
+    above = [one for one in named if set(named) <= set(robot.below(one))]
+    if controller is not None and controller.base in named:
+        return controller.base
+    if above:  # the others are those of an arm
+        return above[0]
     if named:
         raise ConfigurationError(
             "--from",
@@ -197,4 +205,9 @@ def _wheel(robot: Robot, joint: Joint, base: str) -> DescribedWheel:
     heading = math.degrees(math.atan2(-axis[0], axis[1]))
     usual = _STEP * round(heading / _STEP)
     heading = round(wrapped(usual if abs(heading - usual) < _ROUNDED else heading), 6)
-    return DescribedWheel(joint.name, place, heading, radii, width, beside, inertia)
+    grip = robot.grip(joint.child, base)
+    roller = None
+    if grip is not None and np.any(grip[:2]):
+        away = math.degrees(math.atan2(grip[1], grip[0])) - heading
+        roller = round(wrapped(2.0 * away) / 2.0, 1)
+    return DescribedWheel(joint.name, place, heading, roller, radii, width, beside, inertia)

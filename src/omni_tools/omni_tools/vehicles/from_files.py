@@ -43,9 +43,12 @@ def described_vehicle(
     paths = [Path(word) for word in words if ":=" not in word]
     controllers: list[Controller] = []
     descriptions: list[Path] = []
+    without: list[str] = []
     for path in paths:
         if path.suffix.lower() in _PARAMETERS:
-            controllers += read_controllers(path)
+            drives = read_controllers(path)
+            controllers += drives
+            without += [] if drives else [path.name]
         else:
             descriptions.append(path)
     if len(descriptions) > 1:
@@ -60,6 +63,11 @@ def described_vehicle(
     found.questions += [
         f"the package {package} is left out: which masses, shapes and sensors does it add?"
         for package in dict.fromkeys(skipped)
+    ]
+    found.questions += [
+        f"{name} contains no known controller of omni-wheels: which file has the radius of the "
+        "wheels and their distances?"
+        for name in without
     ]
     return found
 

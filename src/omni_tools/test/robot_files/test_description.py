@@ -12,6 +12,8 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from made_robots import CONTROLLER, joint, link, mecanum_urdf, omni_urdf, write_packages
 
 from omni_core.configuration import ConfigurationError
@@ -113,7 +115,8 @@ base:
     assert headings == {"a": -30.0, "b": 90.0, "c": -150.0}
     assert all(wheel["roller_angle_deg"] == 0.0 for wheel in found.wheels.values())
     assert found.contradictions == []
-    assert ("radius" in found.wheels["a"]) == named  # their shapes are meshes
+    assert ("radius" in found.wheels["a"]) == named
+    assert named or any("wheels are meshes" in one for one in found.questions)
 
 
 @pytest.mark.parametrize(
@@ -142,6 +145,54 @@ def test_values_that_differ_between_files_are_listed(
     assert any(re.search(words, one) and "used:" in one for one in contradictions)
 
 
+def test_the_offset_of_the_controller_is_compared(described: Write) -> None:
+    text = f"{CONTROLLER}    kinematics.base_frame_offset.x: 0.1\n"
+    (listed,) = described(mecanum_urdf(), text).contradictions
+    assert listed.startswith("center of the wheels in base_link: (0, 0) m in robot.urdf, (-0.1, ")
+    urdf = mecanum_urdf().replace('xyz="0.2 ', 'xyz="0.1 ').replace('xyz="-0.2 ', 'xyz="-0.3 ')
+    assert described(urdf, text).contradictions == []
+
+
+def test_a_file_without_a_known_controller_is_named(described: Write) -> None:
+    found = described(mecanum_urdf(), "amcl: {ros__parameters: {alpha1: 0.2}}")
+    assert any("controllers_0.yaml contains no known controller" in one for one in found.questions)
+
+
+def test_base_link_of_an_arm_is_not_that_of_the_robot(described: Write) -> None:
+    arm = joint("arm", "robot_base_link", "arm_base_link", "0 0 0.1", kind="fixed")
+    urdf = mecanum_urdf().replace("base_link", "robot_base_link")
+    found = described(urdf.replace("</robot>", f"{arm}{link('arm_base_link')}</robot>"))
+    assert found.wheels["fl_joint"]["x"] == 0.2
+    apart = joint("a", "base_footprint", "arm_base_link", "0 0 0.1", kind="fixed")
+    with pytest.raises(ConfigurationError, match="several links named base_link"):
+        described(urdf.replace("</robot>", f"{apart}{link('arm_base_link')}</robot>"))
+
+
+def test_rollers_are_those_of_the_friction_in_gazebo(described: Write) -> None:
+    def gazebo(sign: int, mu: str = "<mu>1</mu><mu2>0</mu2>") -> str:
+        return "".join(
+            f'<gazebo reference="{name}_wheel"><collision>{mu}<fdir1 gz:expressed_in="base_link">'
+            f"1 {sign * y} 0</fdir1></collision></gazebo>"
+            for name, y in (("fl", -1), ("fr", 1), ("rl", 1), ("rr", -1))
+        )
+
+    def angles(extra: str, *controllers: str) -> tuple[list[float], list[str]]:
+        urdf = mecanum_urdf(extra=extra).replace("<robot", '<robot xmlns:gz="gz"')
+        found = described(urdf, *controllers)
+        return [one["roller_angle_deg"] for one in found.wheels.values()], found.contradictions
+
+    shape = angles("", CONTROLLER)[0]
+    reverse = [-angle for angle in angles("")[0]]
+    assert angles(gazebo(1)) == ([-angle for angle in reverse], [])
+    assert angles(gazebo(-1, "<mu>0</mu><mu2>1</mu2>")) == ([-angle for angle in reverse], [])
+    opposite, listed = angles(gazebo(-1))
+    assert opposite == reverse
+    assert "used: fdir1" in listed[0]
+    used, listed = angles(gazebo(-1), CONTROLLER)
+    assert used == shape
+    assert "as drive (controllers_0.yaml) assumes" in listed[0]
+
+
 def test_an_effective_sum_is_compared_with_the_distances(described: Write) -> None:
     lines = [line for line in CONTROLLER.splitlines() if "separation" not in line]
     lines.append("    kinematics.sum_of_robot_center_projection_on_X_Y_axis: 0.42")
@@ -155,7 +206,9 @@ def test_a_wheel_that_turns_backward_is_listed(described: Write) -> None:
     (listed,) = found.contradictions
     assert listed.startswith("fr_joint, rr_joint: a positive speed is forward for")
     assert all("heading_deg" not in wheel for wheel in found.wheels.values())
-    assert abs(described(urdf).wheels["fr_joint"]["heading_deg"]) == 180.0
+    alone = described(urdf)
+    assert alone.wheels["fr_joint"]["heading_deg"] == 180.0
+    assert any("fr_joint, rr_joint roll backward" in one for one in alone.questions)
 
 
 def test_axles_above_the_ground_and_impossible_inertias_are_listed(described: Write) -> None:
@@ -223,6 +276,30 @@ def test_what_describes_no_robot_is_refused(urdf: str, words: str, described: Wr
     with pytest.raises(ConfigurationError, match=re.escape(words)) as error:
         described(urdf)
     assert "\n" not in str(error.value)
+
+
+@settings(max_examples=150, deadline=None)
+@given(data=st.data())
+def test_any_wrong_value_is_refused_in_a_sentence(
+    data: st.DataObject, tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    folder = tmp_path_factory.mktemp("robot")
+    urdf, text = mecanum_urdf(), CONTROLLER
+    wrong = st.sampled_from(["nan", "-1", "1e400", "", "0", "1 2", "x", "0 0 0", "1e-9", "900"])
+    values = [match.span(1) for match in re.finditer(r'="([^"]*)"', urdf)]
+    for first, last in sorted(data.draw(st.sets(st.sampled_from(values), max_size=3)))[::-1]:
+        urdf = urdf[:first] + data.draw(wrong) + urdf[last:]
+    lines = [match.span(1) for match in re.finditer(r": ([\w.]+)$", text, re.MULTILINE)]
+    for first, last in sorted(data.draw(st.sets(st.sampled_from(lines), max_size=2)))[::-1]:
+        text = text[:first] + data.draw(wrong) + text[last:]
+    (folder / "robot.urdf").write_text(urdf)
+    (folder / "drive.yaml").write_text(text)
+    said = ""
+    try:
+        described_vehicle([str(folder / "robot.urdf"), str(folder / "drive.yaml")])
+    except ConfigurationError as error:
+        said = str(error)
+    assert "\n" not in said
 
 
 @pytest.mark.parametrize(
