@@ -17,8 +17,9 @@ from omni_runs.experiment import ExperimentLibrary
 from omni_runs.loop import make_estimator, steps
 from omni_sim.simulator import Simulator
 from omni_sim.vehicle.configuration import VehicleConfiguration
+from omni_tools.commissioning.causes import Told
 from omni_tools.commissioning.mistakes import (
-    Mistake,
+    Findings,
     find_mistakes,
 )
 from omni_tools.commissioning.signals import Signals, motions_of
@@ -70,15 +71,17 @@ def described(
     return dataclasses.replace(ExperimentLibrary(CONFIG).vehicle(vehicle), brake=brake)
 
 
-def mistakes_in(
+def findings(
     wheels: Wheels,
     signals: Signals,
     known: tuple[float, float],
-    vehicle: VehicleConfiguration,
-) -> list[Mistake]:
-    described = copy.copy(vehicle)
-    object.__setattr__(described, "wheels", wheels)  # unchecked: a wrong wheel may tip the vehicle
-    return find_mistakes(described, signals, motions_of(signals), *known)
+    vehicle: VehicleConfiguration | None = None,
+) -> Findings:
+    described_as = copy.copy(vehicle or described())
+    # Unchecked: a wrong wheel may tip the vehicle.
+    object.__setattr__(described_as, "wheels", wheels)
+    told = Told(np.array([known[0], known[0], known[1]]))
+    return find_mistakes(described_as, signals, motions_of(signals), told)
 
 
 def found(
@@ -87,7 +90,7 @@ def found(
     known: tuple[float, float],
     vehicle: VehicleConfiguration | None = None,
 ) -> list[str]:
-    return [mistake.name for mistake in mistakes_in(wheels, signals, known, vehicle or described())]
+    return [one.name for one in findings(wheels, signals, known, vehicle).mistakes]
 
 
 def swapped(one: int, other: int) -> Callable[[np.ndarray], np.ndarray]:

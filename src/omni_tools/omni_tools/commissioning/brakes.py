@@ -6,6 +6,7 @@ compared with the demand that the brake should follow.
 
 import itertools
 import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -32,8 +33,8 @@ class Tolerances(NamedTuple):
         mean_demand: minimum mean of the demand while the driver brakes and the wheel moves [1].
         gain: two brakes count as swapped if their swap increases the sum of correlations by
             more than this value [1].
-        delay: limit on the difference between the measured dead time and that in the vehicle's file
-            [s].
+        delay: limit on the difference between the measured dead time and that in the vehicle's
+            file, and between the delay of one brake and those of all others [s].
         slowest: minimum speed of a wheel for a defined slip, as a share of the top speed [1].
     """
 
@@ -129,10 +130,13 @@ def response_of(vehicle: VehicleConfiguration, signals: Signals, motions: Motion
     """
     wheel_speeds = PlatformKinematics.of(vehicle.wheels).wheel_speeds
     predicted = wheel_speeds(motions.twist)
+    # Slipping rollers: the ratio of measured and predicted angles of all wheels in each motion.
+    slip_ratio = np.sum(motions.angle * predicted, axis=1) / np.sum(predicted**2, axis=1)
+    predicted = wheel_speeds(slip_ratio[:, np.newaxis] * motions.twist)
     # A loaded wheel has a smaller rolling radius. The ratio of this radius to the described one
     # cancels in the slip.
     scale = np.sum(motions.angle * predicted, axis=0) / np.sum(predicted**2, axis=0)
-    rolling = scale * wheel_speeds(signals.twist[motions.stop])
+    rolling = scale * wheel_speeds(slip_ratio * signals.twist[motions.stop])
     pedal = np.nan_to_num(signals.pedal[motions.stop], nan=1.0)  # NaN: full demand
     moving = np.abs(rolling) > _ALLOWED.slowest * np.nanmax(np.abs(rolling))
     speed = signals.wheel_speed[motions.stop]
@@ -173,27 +177,47 @@ def _acting(demand: FloatArray, period: float, brake: BrakeConfiguration) -> Flo
     return np.asarray(lagged)
 
 
-def _late(response: Response) -> int:
+def _late(response: Response, wheels: Sequence[int] | None = None) -> int:
     """Return the delay of the measured torques relative to `Response.action`, in rows.
 
     It is the delay with the largest correlation of measured torque and action near the starts of
-    the stops. Both are averaged over all wheels first, because the means do not depend on the order
-    of the brakes.
+    the stops. Both are averaged over the wheels first, because the means over all wheels do not
+    depend on the order of the brakes.
+
+    Args:
+        response: response of the wheels.
+        wheels: indices of the wheels; None for all.
 
     Returns:
         Number of rows; 1 if the dead time in the vehicle's file is correct. Also 1 if no stop
         begins while a wheel moves.
     """
+    chosen = slice(None) if wheels is None else list(wheels)
+    moving = response.moving[:, chosen]
     torque, action = (
-        np.ma.masked_array(values, ~response.moving).mean(axis=1, keepdims=True).filled(0.0)
+        np.ma.masked_array(values[:, chosen], ~moving).mean(axis=1, keepdims=True).filled(0.0)
         for values in (response.torque, response.action())
     )
-    near = np.flatnonzero(response.starting & np.any(response.moving, axis=1))
+    near = np.flatnonzero(response.starting & np.any(moving, axis=1))
     first = -round(response.brake.dead_time / response.period)
     rows = range(first, round(_ALLOWED.latest / response.period))
     if not len(near):
         return 1
     return max(rows, key=lambda row: _correlation(torque[near], _earlier(action, near, row)))
+
+
+def late_brake(response: Response) -> tuple[int, float] | None:
+    """Return the index of a brake that acts later than the others, and by how much [s].
+
+    The result is None if no brake does. The brakes before the start of a stop have no demand, so
+    that each is compared with its own.
+    """
+    count = response.torque.shape[1]
+    delays = np.array([_late(response, [row]) for row in range(count)]) * response.period
+    latest = int(np.argmax(delays))
+    others = np.delete(delays, latest)
+    difference = float(delays[latest] - np.max(others))
+    return (latest, difference) if difference > _ALLOWED.delay else None
 
 
 def swapped(response: Response) -> tuple[int, int] | None:

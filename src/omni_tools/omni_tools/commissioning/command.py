@@ -9,19 +9,25 @@ pairs of brakes for which these stops cannot show whether the two are swapped.
 
 import math
 import os
+from collections.abc import Mapping, Sequence
 from contextlib import closing
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
+import numpy as np
 import yaml
 
 from omni_core import topics
 from omni_core.commands.command_options import CommandOptions, option
 from omni_core.commands.command_report import Report, write_text
+from omni_core.commands.wrapped_table import WrappedTable
+from omni_core.configuration import ConfigurationError
+from omni_core.quantities import FloatArray
 from omni_runs.workspace import ExperimentWorkspace
 
 if TYPE_CHECKING:
-    from omni_tools.commissioning.signals import Signals
+    from omni_tools.commissioning.mistakes import Findings
+    from omni_tools.commissioning.signals import Motions, Signals
 
 WORK = "checking the vehicle"
 _LIVE = Path("live")
@@ -36,10 +42,19 @@ class Options(CommandOptions):
     domain of ROS_DOMAIN_ID"""
     vehicle: str = option(metavar="NAME")
     """a file of config/vehicles/, a path, or the folder of a vehicle"""
-    distance: float = option(1.0, unit="m", above=0.0, maximum=1000.0)
-    """distance, measured on the floor, of each of the motions forward and to the left"""
-    angle: float = option(90.0, unit="deg", above=0.0, maximum=3600.0)
-    """measured angle of the counter-clockwise motion"""
+    distance: float = option(1.0, unit="m", minimum=-1000.0, maximum=1000.0)
+    """distance, measured on the floor, of each straight motion for which no other one is given"""
+    angle: float = option(90.0, unit="deg", minimum=-3600.0, maximum=3600.0)
+    """measured angle of the turn, unless --turn gives it"""
+    forward: float | None = option(None, unit="m", minimum=-1000.0, maximum=1000.0)
+    """measured distance of the motion forward; negative if the vehicle moved backward"""
+    left: float | None = option(None, unit="m", minimum=-1000.0, maximum=1000.0)
+    """measured distance of the motion to the left; negative if the vehicle moved to the right"""
+    turn: float | None = option(None, unit="deg", minimum=-3600.0, maximum=3600.0)
+    """measured angle of the counter-clockwise turn; negative if it was clockwise"""
+    placed: bool = option(False)
+    """the positions of the wheels in the file are measured: wheels that turn too far in the turn
+    then slip"""
     namespace: str = option("", metavar="NAME")
     """namespace of the running vehicle, such as robot1; used only with `live`"""
     timeout: float = option(600.0, unit="s", above=0.0, maximum=86400.0)
@@ -47,39 +62,59 @@ class Options(CommandOptions):
     out: Path | None = option(None, metavar="FILE")
     """corrected vehicle file (default: results/check-vehicle/RECORDING.yaml)"""
 
+    def check_consistency(self) -> None:
+        """Check that every motion has a distance or an angle."""
+        super().check_consistency()
+        for name in ("distance", "angle", "forward", "left", "turn"):
+            if getattr(self, name) == 0.0:
+                raise ConfigurationError(f"--{name}", "must not be 0")
+
+    @property
+    def motions(self) -> tuple[float, float, float]:
+        """Motions as the user measured them [m, m, rad]."""
+        forward = self.distance if self.forward is None else self.forward
+        left = self.distance if self.left is None else self.left
+        return forward, left, math.radians(self.angle if self.turn is None else self.turn)
+
 
 def run(options: Options, workspace: ExperimentWorkspace) -> Report:
     """Find errors in a vehicle file, and write a corrected copy if it has wrong values."""
     from omni_tools.commissioning import mistakes as known
+    from omni_tools.commissioning.causes import Told
     from omni_tools.commissioning.signals import motions_of, unchecked
 
     vehicle = workspace.experiment_library().vehicle(options.vehicle)
     signals = _signals(options, workspace, tuple(vehicle.wheels))
-    motions = motions_of(signals)
+    motions = motions_of(signals, tuple(vehicle.wheels))
     drive = vehicle, signals, motions
-    mistakes = known.find_mistakes(*drive, options.distance, math.radians(options.angle))
+    shared = options.forward is None and options.left is None
+    found = known.find_mistakes(*drive, Told(np.array(options.motions), shared, options.placed))
     missing = unchecked(signals, motions)
     undistinguished = []
-    if not mistakes and topics.TWIST.name not in missing:
+    if not found.mistakes and topics.TWIST.name not in missing:
         undistinguished = known.undistinguished_brakes(*drive)
     values = workspace.experiment_library().vehicle_values(options.vehicle)
-    changed = known.corrected(values, mistakes)
+    changed = known.corrected(values, found.mistakes)
     files = []
     if changed != values:
         name = f"{options.recording.resolve().name}.yaml"
         path = options.out or workspace.results(None, "check-vehicle") / name
         head = f"# {options.vehicle}, corrected by ./omni check-vehicle:\n"
-        head += "".join(f"# - {one.name}: {one.remedy}\n" for one in mistakes)
+        head += "".join(f"# - {one.name}: {one.remedy}\n" for one in found.mistakes)
         text = yaml.safe_dump(changed, sort_keys=False, default_flow_style=None)
         files.append(write_text(path, head + text))
+    angles = _angles(tuple(vehicle.wheels), motions, found.predicted)
     return Report(
-        metrics={"mistakes.all": {"value": len(mistakes), "unit": "1"}},
+        metrics={"mistakes.all": {"value": len(found.mistakes), "unit": "1"}},
         details={
-            "mistakes": [{"name": one.name, "remedy": one.remedy} for one in mistakes],
+            "mistakes": [{"name": one.name, "remedy": one.remedy} for one in found.mistakes],
+            "undecided": _undecided(found),
+            "remarks": [{"name": one.name, "remedy": one.remedy} for one in found.remarks],
+            "angles": angles,
             "undistinguished": undistinguished,
             "unchecked": missing,
         },
-        text=[f"{one.name}: {one.remedy}" for one in mistakes] or ["no mistake found"],
+        text=[_angle_table(angles), *_words(found)],
         hints=[
             *(
                 f"not checked, because {topic} lacks values: {what}"
@@ -93,8 +128,55 @@ def run(options: Options, workspace: ExperimentWorkspace) -> Report:
             * bool(undistinguished),
         ],
         files=files,
-        ok=not mistakes,
+        ok=not found.mistakes and not found.doubtful,
     )
+
+
+def _undecided(found: "Findings") -> list[dict[str, Any]]:
+    """Return the alternatives of each class, and the measurements that distinguish them."""
+    classes = []
+    for group in found.undecided:
+        parts = [[{"name": one.name, "remedy": one.remedy} for one in part] for part in group]
+        checks = dict.fromkeys(one.check for part in group for one in part if one.check)
+        classes.append({"alternatives": parts, "distinguished_by": list(checks)})
+    return classes
+
+
+def _words(found: "Findings") -> list[str]:
+    """Return the result of the check, a line for each mistake, class and remark."""
+    lines = [f"{one.name}: {one.remedy}" for one in found.mistakes]
+    for group in _undecided(found):
+        lines.append("undecided, because each of these has the same effect:")
+        parts = [[f"{o['name']}: {o['remedy']}" for o in part] for part in group["alternatives"]]
+        lines += [f"  - {'; and '.join(part) or 'none of the others'}" for part in parts]
+        lines.append(f"  to decide: {'; '.join(group['distinguished_by'])}")
+    lines += [f"{one.name}: {one.remedy}" for one in found.remarks]
+    return lines if found.mistakes or found.undecided else [*lines, "no mistake found"]
+
+
+def _angles(
+    wheels: Sequence[str], motions: "Motions", predicted: FloatArray
+) -> list[dict[str, Any]]:
+    """Return measured and predicted angle [rad] and their ratio of each wheel and motion."""
+    from omni_tools.commissioning.signals import MOTIONS
+
+    rows = []
+    for motion, angles, expected in zip(MOTIONS, motions.angle, predicted, strict=True):
+        least = 1e-3 * float(np.max(np.abs(expected)))
+        for wheel, angle, one in zip(wheels, angles.tolist(), expected.tolist(), strict=True):
+            ratio = angle / one if abs(one) > least else None
+            row = {"wheel": wheel, "motion": motion, "measured": angle, "predicted": one}
+            rows.append({**row, "ratio": ratio, "unit": "rad"})
+    return rows
+
+
+def _angle_table(angles: Sequence[Mapping[str, Any]]) -> WrappedTable:
+    numbers = {
+        "measured [rad]": [f"{row['measured']:.2f}" for row in angles],
+        "predicted [rad]": [f"{row['predicted']:.2f}" for row in angles],
+        "ratio": ["" if row["ratio"] is None else f"{row['ratio']:.3f}" for row in angles],
+    }
+    return WrappedTable({key: [row[key] for row in angles] for key in ("motion", "wheel")}, numbers)
 
 
 def _signals(
@@ -111,7 +193,7 @@ def _signals(
 
     with closing(Partner(chosen_domain(os.environ) or 0, options.namespace)) as partner:
         workspace.note(
-            f"drive {options.distance:g} m or {options.angle:g} deg {', '.join(MOTIONS)}, each "
-            "from rest to rest, then drive and brake in two directions; 2 s at rest end the drive"
+            f"drive {', '.join(MOTIONS)}, each from rest to rest over a measured distance "
+            "or angle, then drive and brake in two directions; 2 s at rest end the drive"
         )
         return receive_drive(partner, wheels, options.timeout)

@@ -59,7 +59,7 @@ def receive_drive(
         }
         signals = signals_of(streams, wheels)
         try:
-            at_rest = len(signals.time) - motions_of(signals).stop.stop
+            at_rest = len(signals.time) - motions_of(signals, wheels).stop.stop
         except ConfigurationError:
             if late:
                 raise

@@ -221,8 +221,12 @@ def unchecked(drive: Signals, motions: Motions) -> dict[str, str]:
     }
 
 
-def motions_of(drive: Signals) -> Motions:
+def motions_of(drive: Signals, wheels: Sequence[str] = ()) -> Motions:
     """Return the quantities measured in the three motions of a run, and the rows of its stops.
+
+    Args:
+        drive: signals of the run.
+        wheels: names of the wheels, for messages.
 
     Raises:
         ConfigurationError: the run does not contain three motions without braking, followed by a
@@ -236,8 +240,10 @@ def motions_of(drive: Signals) -> Motions:
     # The mean over 0.1 s removes the encoder steps of a wheel that moves slowly.
     smooth = uniform_filter1d(np.nan_to_num(drive.wheel_speed), round(0.1 / drive.period), axis=0)
     speed = np.max(np.abs(smooth), axis=1)
-    found = _runs(speed[: int(np.argmax(~free))], drive.period)
+    begin = int(np.argmax(~free))
+    found = _runs(speed[:begin], drive.period)
     if len(found) != len(MOTIONS) + 1:
+        _check_rest(smooth[:begin], np.max(speed), wheels)
         raise configuration.ConfigurationError(
             "recording",
             f"has {max(len(found) - 1, 0)} motions before the first stop, must have three: drive "
@@ -261,6 +267,27 @@ def motions_of(drive: Signals) -> Motions:
         ),
         stop=slice(found[-1].start, last),
     )
+
+
+def _check_rest(speed: quantities.FloatArray, fastest: float, wheels: Sequence[str]) -> None:
+    """Raise `ConfigurationError` if wheels never rest.
+
+    Args:
+        speed: speed of each wheel until the first stop [rad/s], shape (T, N).
+        fastest: largest wheel speed of the run [rad/s].
+        wheels: names of the wheels.
+    """
+    # A wheel rests during the pauses, which last longer than a tenth of the time.
+    slowest = np.quantile(np.abs(speed), 0.1, axis=0)
+    creeping = np.flatnonzero(slowest > _MOVES[0] * fastest).tolist()
+    if creeping:
+        named = wheels or [f"wheel {row}" for row in range(len(slowest))]
+        names = ", ".join(f"{named[row]} {slowest[row]:.2g} rad/s" for row in creeping)
+        raise configuration.ConfigurationError(
+            _WHEELS,
+            f"wheels turn at rest, too: {names}: stop the controller between the motions, or "
+            "correct the zero of drives and encoders",
+        )
 
 
 def _integral(values: quantities.FloatArray, dt: float) -> quantities.FloatArray:

@@ -66,7 +66,9 @@ class Cell(NamedTuple):
     yaw_rate: tuple[float, float]
 
 
-def make_cells(speed: float, bands: int, yaw_rate: float, turns: int) -> tuple[Cell, ...]:
+def make_cells(
+    speed: float, bands: int, yaw_rate: float, turns: int, limits: FloatArray | None = None
+) -> tuple[Cell, ...]:
     """Return cells that divide all motions up to a speed and a yaw rate.
 
     Args:
@@ -74,14 +76,17 @@ def make_cells(speed: float, bands: int, yaw_rate: float, turns: int) -> tuple[C
         bands: number of speed bands of equal width.
         yaw_rate: maximum yaw rate in either direction [rad/s].
         turns: number of yaw-rate bands of equal width.
+        limits: limits on the magnitudes of v_x and v_y [m/s], shape (2,); None for no such limits.
+            The speed bands of a direction then end at its highest speed.
     """
     words = [f"_turn_{turn + 1}" for turn in range(turns)]
     words = {1: [""], 3: ["_right", "_straight", "_left"]}.get(turns, words)
     half = math.pi / len(SECTORS)
+    fastest = [min(speed, _fastest(2 * half * k, half, limits)) for k in range(len(SECTORS))]
     return tuple(
         Cell(
             f"{sector}_{band + 1}{word}",
-            (speed * band / bands, speed * (band + 1) / bands),
+            (fastest[index] * band / bands, fastest[index] * (band + 1) / bands),
             (_wrapped(2 * half * index - half), _wrapped(2 * half * index + half)),
             (yaw_rate * (2 * turn / turns - 1), yaw_rate * (2 * (turn + 1) / turns - 1)),
         )
@@ -89,6 +94,22 @@ def make_cells(speed: float, bands: int, yaw_rate: float, turns: int) -> tuple[C
         for index, sector in enumerate(SECTORS)
         for turn, word in enumerate(words)
     )
+
+
+def speed_limit(direction: float, limits: FloatArray | None) -> float:
+    """Return the highest speed in a direction [rad] if v_x and v_y are limited separately [m/s]."""
+    if limits is None:
+        return math.inf
+    along = np.abs([math.cos(direction), math.sin(direction)])
+    return float(np.min(limits / np.maximum(along, 1e-12)))
+
+
+def _fastest(middle: float, half: float, limits: FloatArray | None) -> float:
+    """Return the highest speed of all directions within `half` of the direction `middle` [rad]."""
+    corner = 0.0 if limits is None else math.atan2(limits[1], limits[0])
+    corners = (corner, math.pi - corner, math.pi + corner, -corner)
+    within = [one for one in corners if abs(_wrapped(one - middle)) < half]
+    return max(speed_limit(one, limits) for one in (middle - half, middle + half, *within))
 
 
 def _wrapped(angle: float) -> float:
@@ -123,6 +144,7 @@ class StopCampaign:
         reaction_time: time of constant motion from the alarm to the pedal [s].
         per_cell: number of stops that determine the area of each cell; further stops are held out.
         seed: seed of all random values.
+        limits: limits on the magnitudes of v_x and v_y [m/s]; None for no such limits.
         settling: time for which the vehicle rolls before the alarm, so that its loads settle [s].
     """
 
@@ -132,6 +154,7 @@ class StopCampaign:
     reaction_time: float
     per_cell: int
     seed: int
+    limits: tuple[float, float] | None = None
     settling: float = 0.2
 
     @property
@@ -143,7 +166,7 @@ class StopCampaign:
     def fingerprint(self) -> str:
         """Digest of all settings that determine a stop, except the stop's number."""
         fields = (getattr(self, field.name) for field in dataclasses.fields(self))
-        return digest(*fields)
+        return digest(*(value for value in fields if value is not None))
 
     def cell_of(self, number: int) -> int:
         """Return the index of the cell to which a stop belongs."""
@@ -164,9 +187,12 @@ class StopCampaign:
         x, y = (draw(random, -abs(most), abs(most)) for most in (load.x, load.y))
         load = dataclasses.replace(load, mass=mass, x=x, y=y)
         vehicle = dataclasses.replace(self.base.vehicle, load=load)
+        speed = draw(random, *cell.speed)
+        direction = draw(random, start, end if end > start else end + math.tau)
+        limits = None if self.limits is None else np.array(self.limits)
         maneuver = ManeuverConfiguration(
-            speed=draw(random, *cell.speed),
-            direction_deg=math.degrees(draw(random, start, end if end > start else end + math.tau)),
+            speed=min(speed, speed_limit(direction, limits)),
+            direction_deg=math.degrees(direction),
             yaw_rate_deg=math.degrees(draw(random, *cell.yaw_rate)),
             brake_time=self.settling + self.reaction_time,
         )

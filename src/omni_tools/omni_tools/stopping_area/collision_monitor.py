@@ -36,11 +36,18 @@ def stop_campaign(options: AreaOptions, library: ExperimentLibrary) -> area.Stop
     ]
     return area.StopCampaign(
         base=library.load("straight_line", "assisted", fixed),
-        cells=area.make_cells(options.speed, options.bands, options.yaw_rate, options.turns),
+        cells=area.make_cells(
+            options.top_speed,
+            options.bands,
+            options.yaw_rate,
+            options.turns,
+            None if options.limits is None else np.array(options.limits),
+        ),
         friction=(options.friction_min, options.friction_max),
         reaction_time=options.reaction_time,
         per_cell=area.HULL_STOPS + area.calibration_stops(options.coverage, options.confidence),
         seed=options.seed,
+        limits=options.limits,
     )
 
 
@@ -79,7 +86,10 @@ def monitor_parameters(
     outside, count = metrics["outside_share.all"].value, metrics["held_out_stops.all"].value
     checked = f"\nOf {count:.0f} held-out stops, {outside:.2%} left their polygon." if count else ""
     # A monitor that compares the signed v_x needs a band from -speed to speed.
-    lowest = -options.speed if options.bands == 1 else 0.0
+    lowest = -options.top_speed if options.bands == 1 else 0.0
+    covered = f"{options.speed:g} m/s, sqrt(v_x^2 + v_y^2),"
+    if options.limits is not None:
+        covered = "{:g} m/s for v_x, {:g} m/s for v_y,".format(*options.limits)
     heading = (
         f"Stopping areas of {name}, {options.variant}, full braking {options.reaction_time:g} s "
         "after the alarm, in base_link.\n"
@@ -88,10 +98,9 @@ def monitor_parameters(
         f"friction {options.friction_min:g} to {options.friction_max:g}, any load up to the mass "
         f"and the offset in the vehicle's file.{checked}\n"
         f"{_VERSIONS[options.bands > 1]}\n"
-        f"No polygon covers more than {options.speed:g} m/s, sqrt(v_x^2 + v_y^2), or "
-        f"{options.yaw_rate:g} rad/s: the monitor\n"
-        "then keeps its last polygon. Limit the velocity to these values; Nav2's controllers limit "
-        "v_x and v_y separately."
+        f"No polygon covers more than {covered} or {options.yaw_rate:g} rad/s: the monitor\n"
+        "then keeps its last polygon. Limit the velocity to these values"
+        + ("; Nav2's controllers limit v_x and v_y separately." * (options.limits is None) or ".")
     )
     # Enlarged by a millimeter, so that the rounded polygon still contains the area.
     polygons = {

@@ -1,6 +1,8 @@
 """Command-line options of stopping areas."""
 
-from omni_core.commands.command_options import overrides_option
+import math
+
+from omni_core.commands.command_options import option, overrides_option
 from omni_core.configuration import ConfigurationError, parameter
 from omni_tools.campaign.runner import CampaignOptions
 
@@ -14,8 +16,11 @@ class AreaOptions(CampaignOptions):
     unassisted: bool = parameter(False)
     """compute the areas for stops without the brake assistant"""
     speed: float = parameter(2.0, unit="m/s", above=0.0, maximum=20.0)
-    """maximum speed, in every direction; if Nav2 limits v_x and v_y separately, the square root of
-    the sum of their squares"""
+    """maximum speed, in every direction, unless --speed-x and --speed-y are given"""
+    speed_x: float | None = option(None, unit="m/s", above=0.0, maximum=20.0)
+    """limit on v_x forward and backward, if Nav2 limits v_x and v_y separately"""
+    speed_y: float | None = option(None, unit="m/s", above=0.0, maximum=20.0)
+    """limit on v_y to the left and to the right"""
     bands: int = parameter(1, minimum=1, maximum=20)
     """number of speed bands; more bands make the areas at low speeds smaller; a single band is
     right for every version of Nav2's collision monitor; several bands need Jazzy 1.3.12 or later,
@@ -43,12 +48,27 @@ class AreaOptions(CampaignOptions):
     overrides: tuple[str, ...] = overrides_option("vehicle.brake.max_torque=900")
 
     def check_consistency(self) -> None:
-        """Check that the lowest friction is not above the highest friction."""
+        """Check that options do not contradict each other."""
         super().check_consistency()
+        if (self.speed_x is None) != (self.speed_y is None):
+            given, other = ("x", "y") if self.speed_y is None else ("y", "x")
+            raise ConfigurationError(f"--speed-{given}", f"needs --speed-{other}, too")
         if self.friction_min > self.friction_max:
             lowest, highest = self.friction_min, self.friction_max
             problem = f"{lowest:g} must not be above --friction-max, {highest:g}"
             raise ConfigurationError("--friction-min", problem)
+
+    @property
+    def limits(self) -> tuple[float, float] | None:
+        """Limits on v_x and v_y [m/s]; None if only the speed is limited."""
+        if self.speed_x is None or self.speed_y is None:
+            return None
+        return self.speed_x, self.speed_y
+
+    @property
+    def top_speed(self) -> float:
+        """Highest speed of all motions [m/s]."""
+        return self.speed if self.limits is None else math.hypot(*self.limits)
 
     @property
     def variant(self) -> str:

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
+import re
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from made_drives import CONFIG, described, drive, found, swapped
 
@@ -20,6 +22,7 @@ from omni_core.brakes import (
     BrakeConfiguration,
     typical_changes,
 )
+from omni_core.kinematics import PlatformKinematics
 from omni_runs.experiment import ExperimentLibrary
 from omni_tools.commissioning.mistakes import (
     undistinguished_brakes,
@@ -123,6 +126,26 @@ def test_a_wrong_dead_time_is_named(brakes: str, law: str, wrong: float) -> None
     assert len(names) == 1
     milliseconds = int(names[0].removeprefix("brakes: dead time is about ").removesuffix(" ms"))
     assert abs(milliseconds - 1e3 * (typical.dead_time + true)) <= 20
+
+
+@pytest.mark.parametrize("row", [0, 3])
+def test_one_brake_that_acts_later_than_the_others_is_named(row: int) -> None:
+    vehicle = "mecanum_forklift"
+    name = list(ExperimentLibrary(CONFIG).vehicle(vehicle).wheels)[row]
+    wheels, signals, known = drive(vehicle, "brake_assist.enabled=false")
+    motions = motions_of(signals)
+    rows = round(0.16 / signals.period)
+    speed = signals.wheel_speed.copy()
+    rolling = PlatformKinematics.of(wheels).wheel_speeds(signals.twist)[:, row]
+    slip = rolling - speed[:, row]
+    slip[motions.stop] = np.roll(slip, rows)[motions.stop]
+    speed[:, row] = rolling - slip
+    late = signals._replace(wheel_speed=speed)
+    assert found(wheels, signals, known, described(vehicle)) == []
+    (only,) = found(wheels, late, known, described(vehicle))
+    milliseconds = re.fullmatch(rf"brake {name} acts (\d+) ms later than the others", only)
+    assert milliseconds, only
+    assert abs(int(milliseconds[1]) - 160) <= 40
 
 
 @pytest.mark.parametrize(

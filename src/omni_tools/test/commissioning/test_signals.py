@@ -65,3 +65,27 @@ def test_a_pedal_that_is_no_share_is_refused(position: float) -> None:
 def test_a_drive_without_a_stop_is_refused(position: tuple[float, ...]) -> None:
     with pytest.raises(ConfigurationError, match="brake/pedal: is 0 or unknown"):
         motions_of(signals_of(streams(400, position=position), WHEELS))
+
+
+def test_wheels_that_turn_at_rest_are_named_with_their_speed() -> None:
+    rest, fast = [(0.3, 0.0)] * 100, [(10.0, 10.0)] * 100
+    speeds = [*rest, *fast, *rest, *fast, *rest, *fast, *rest, *fast]
+    period = SECOND_NS // 100
+    states = [
+        (row * period, SimpleNamespace(name=list(WHEELS), velocity=np.array(one)))
+        for row, one in enumerate(speeds)
+    ]
+    pedals = [
+        (row * period, SimpleNamespace(position=[float(row > 750)])) for row in range(len(speeds))
+    ]
+    drive = {"wheel_states": Stream.of(states), "brake/pedal": Stream.of(pedals)}
+    with pytest.raises(ConfigurationError, match=r"turn at rest, too: left 0\.3 rad/s: stop"):
+        motions_of(signals_of(drive, WHEELS), WHEELS)
+
+
+def test_other_joints_are_ignored() -> None:
+    both = signals_of(streams(400), WHEELS)
+    alone = signals_of(streams(400), ("right",))
+    assert np.all(alone.wheel_speed == both.wheel_speed[:, 1:])
+    with pytest.raises(ConfigurationError, match="the recording names left, right, the vehicle"):
+        signals_of(streams(400), ("front",))

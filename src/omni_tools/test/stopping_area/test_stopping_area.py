@@ -31,7 +31,7 @@ from omni_tools.stopping_area.area import (
     make_cells,
     support,
 )
-from omni_tools.stopping_area.collision_monitor import monitor_parameters
+from omni_tools.stopping_area.collision_monitor import monitor_parameters, stop_campaign
 from omni_tools.stopping_area.figure import areas_figure
 from omni_tools.stopping_area.options import AreaOptions
 
@@ -115,10 +115,14 @@ def test_the_footprint_has_the_offset_of_the_chassis() -> None:
     np.testing.assert_allclose(corners.min(axis=0), [-0.5, 0.25] - size / 2)
 
 
-def _parameters(bands: int) -> tuple[str, list[dict[str, Any]]]:
+def _parameters(
+    bands: int, limits: tuple[float, float] | None = None
+) -> tuple[str, list[dict[str, Any]]]:
     """Return the text of the monitor's file, and its polygons in their order."""
     options = AreaOptions(bands=bands)
-    cells = make_cells(options.speed, bands, options.yaw_rate, options.turns)
+    if limits:
+        options = dataclasses.replace(options, speed_x=limits[0], speed_y=limits[1])
+    cells = stop_campaign(options, ExperimentLibrary(CONFIG)).cells
     metrics = {"outside_share.all": Metric(0.0, "1"), "held_out_stops.all": Metric(0.0, "1")}
     limits = np.full((len(cells), DIRECTIONS), 2.0)
     text = monitor_parameters(options, cells, limits, metrics)
@@ -148,6 +152,38 @@ def test_the_default_polygons_are_those_of_the_motion_with_every_version_of_nav2
             _selected(polygons, cmath.rect(speed, angle), turn, rule) for rule in (False, True)
         )
         assert older == newer != ""
+
+
+@pytest.mark.parametrize("limits", [(1.5, 1.5), (2.0, 0.5), (0.4, 1.0)])
+@pytest.mark.parametrize("bands", [1, 3])
+def test_separate_limits_of_both_axes_have_a_polygon_for_every_velocity(
+    limits: tuple[float, float], bands: int
+) -> None:
+    text, polygons = _parameters(bands, limits)
+    assert f"{limits[0]:g} m/s for v_x, {limits[1]:g} m/s for v_y" in text
+    random = np.random.default_rng(6)
+    corner = complex(*limits) * (1.0 - 1e-4)  # the file is rounded
+    velocities = [corner, corner.conjugate(), -corner, -corner.conjugate()]
+    velocities += [complex(*(random.uniform(-1.0, 1.0, 2) * limits)) for _ in range(1000)]
+    for v in velocities:
+        assert _selected(polygons, v, 0.3, newer=True)
+        if bands == 1:
+            assert _selected(polygons, v, 0.3, newer=False) == _selected(polygons, v, 0.3, True)
+
+
+def test_stops_keep_the_separate_limits_and_reach_them() -> None:
+    options = AreaOptions(speed_x=1.2, speed_y=0.5)
+    campaign = stop_campaign(options, ExperimentLibrary(CONFIG))
+    maneuvers = [campaign.configuration(number).maneuver for number in range(600)]
+    v = np.array([cmath.rect(m.speed, math.radians(m.direction_deg)) for m in maneuvers])
+    assert np.max(np.abs(v.real)) == pytest.approx(1.2)
+    assert np.max(np.abs(v.imag)) == pytest.approx(0.5)
+    assert np.max(np.abs(v)) == pytest.approx(1.3, abs=0.01)
+
+
+def test_a_single_limit_of_an_axis_is_refused() -> None:
+    with pytest.raises(ConfigurationError, match="--speed-x: needs --speed-y"):
+        AreaOptions(speed_x=1.0)
 
 
 def test_several_bands_name_the_versions_that_select_the_wrong_polygon() -> None:
