@@ -281,7 +281,7 @@ def test_conventional_wheels_are_refused_unless_the_assistant_only_observes(
 ) -> None:
     """Laws and fault detection assume rollers; with both off, all brakes act."""
     wheels = {**mecanum, "castor": WheelMount(kind="conventional", x=0.0, y=0.0)}
-    off = {"enabled": False, "fault_detection": False}
+    off: dict[str, Any] = {"enabled": False, "fault_detection": False}
     for name, words in (
         ("enabled", "the law sliding_mode"),
         ("fault_detection", "fault_detection"),

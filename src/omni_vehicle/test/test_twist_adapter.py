@@ -144,9 +144,9 @@ def test_a_mounted_sensor_measures_the_twist_of_base_link(heading: float) -> Non
 def test_the_covariance_includes_the_errors_of_the_calibration(
     error: str, changed: dict[str, float]
 ) -> None:
-    given = {"x": 0.3, "y": -0.2, "heading_deg": 30.0}
+    given: dict[str, Any] = {"x": 0.3, "y": -0.2, "heading_deg": 30.0}
     size = {"scale_error": 0.02, "heading_error_deg": 0.5, "lever_error": 0.01}[error]
-    mounting = Mounting(Mount(**given, **{error: size}))
+    mounting = Mounting(Mount(**(given | {error: size})))
     true = FlowSensor(**(given | changed))
     velocity = sensor_matrix({"flow": true}) @ VALUE * (1.0 if changed else 1.0 + size)
     twist, covariance = mounting.base_twist(np.append(velocity, VALUE[2]), np.zeros((3, 3)))

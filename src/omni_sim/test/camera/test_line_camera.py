@@ -7,6 +7,7 @@ import os
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -201,7 +202,7 @@ def test_a_ground_of_2400_dpi_takes_less_than_a_gigabyte_at_every_heading() -> N
 def test_a_footprint_that_does_not_fit_the_ground_is_refused(
     changes: dict[str, float], field: str
 ) -> None:
-    shape = {"length": 0.05, "width": 0.02, **changes}
+    shape: dict[str, Any] = {"length": 0.05, "width": 0.02, **changes}
     sensor = LineSensor(x=0.0, y=0.0, heading_deg=0.0, pixels=64, **shape)
     with pytest.raises(ConfigurationError, match=rf"sensors\.odd\.{field}"):
         array(sensors={"odd": sensor})

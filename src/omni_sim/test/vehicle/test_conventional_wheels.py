@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -17,7 +18,7 @@ from omni_sim.vehicle.configuration import VehicleConfiguration
 from omni_sim.vehicle.loads import MassConfiguration
 from omni_sim.vehicle.vehicle import Vehicle
 
-FREE = {"pedal": 0.1, "enable": np.zeros(4), "command_twist": np.zeros(3)}
+FREE: dict[str, Any] = {"pedal": 0.1, "enable": np.zeros(4), "command_twist": np.zeros(3)}
 
 
 @pytest.fixture
@@ -122,7 +123,8 @@ def test_omni_wheel_beside_conventional_wheels_rolls_freely_across(
 
 
 def test_options_of_rollers_are_refused(cart: VehicleConfiguration) -> None:
-    for changes in ({"wheel_model": "rollers"}, {"contact": "roller"}):
+    options: tuple[dict[str, Any], ...] = ({"wheel_model": "rollers"}, {"contact": "roller"})
+    for changes in options:
         with pytest.raises(ConfigurationError, match="kind: conventional"):
             dataclasses.replace(cart, **changes)
     dead = dataclasses.replace(cart.passive_losses, bearing_friction=0.01)

@@ -288,13 +288,12 @@ def _same_signs(measured: FloatArray, predicted: FloatArray, size: FloatArray) -
 def _changes(mount: WheelMount) -> Iterator[tuple[str, str, WheelMount]]:
     """Yield possible sign errors of a wheel: wrong value, remedy, and the corrected wheel."""
     turned = (mount.heading_deg + 360.0) % 360.0 - 180.0
-    for part, remedy, changed in (
-        ("direction", "negate the speed, or turn heading_deg by 180", {"heading_deg": turned}),
-        ("roller", "negate roller_angle_deg", {"roller_angle_deg": -mount.roller_angle_deg}),
-        ("x", "negate x", {"x": -mount.x}),
-        ("y", "negate y", {"y": -mount.y}),
-    ):
-        yield part, remedy, dataclasses.replace(mount, **changed)
+    changed, roller = dataclasses.replace, -mount.roller_angle_deg
+    words = "negate the speed, or turn heading_deg by 180"
+    yield "direction", words, changed(mount, heading_deg=turned)
+    yield "roller", "negate roller_angle_deg", changed(mount, roller_angle_deg=roller)
+    yield "x", "negate x", changed(mount, x=-mount.x)
+    yield "y", "negate y", changed(mount, y=-mount.y)
 
 
 def _swaps(

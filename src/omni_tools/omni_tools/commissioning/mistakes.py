@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from omni_core import configuration, topics
+from omni_core import configuration, kinematics, topics
 from omni_core.geometry import WheelMount, turned
 from omni_core.quantities import FloatArray
 from omni_core.signals import upwards_problem
