@@ -66,7 +66,7 @@ class OdometryNode(Node):
         twist = advertise(self, topics.TWIST)
         self._estimates = {topics.TWIST.name: twist}
         pose = PoseIntegrator(configuration.maximum_speed, configuration.maximum_yaw_rate)
-        self._pose = PosePublisher(self, self._prefix, pose)
+        self._pose = PosePublisher(self, advertise(self, topics.ODOM), self._prefix, pose)
         if interface.publish_tf:
             self._pose.publish_transforms(configuration.all_sensors)
         sensors = ", ".join(configuration.all_sensors)
