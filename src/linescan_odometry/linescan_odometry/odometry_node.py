@@ -66,7 +66,7 @@ class OdometryNode(Node):
         twist = advertise(self, topics.TWIST)
         self._estimates = {topics.TWIST.name: twist}
         pose = PoseIntegrator(configuration.maximum_speed, configuration.maximum_yaw_rate)
-        self._pose = PosePublisher(self, self._prefix, pose)
+        self._pose = PosePublisher(self, advertise(self, topics.ODOM), self._prefix, pose)
         if interface.publish_tf:
             mounts = configuration.all_sensors.items()
             self._pose.publish_transforms({name: one for name, one in mounts if not one.carrier})

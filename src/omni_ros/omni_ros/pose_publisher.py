@@ -4,14 +4,13 @@ from collections.abc import Mapping
 
 import numpy as np
 from rclpy.node import Node
+from rclpy.publisher import Publisher
 
-from omni_core import topics
 from omni_core.pose import PoseIntegrator
 from omni_core.quantities import FloatArray
 from omni_core.sensors import Mount
 from omni_ros import messages
 from omni_ros.frames import MISSING, TransformPublisher, prefix_frames
-from omni_ros.qos import advertise
 
 
 class PosePublisher:
@@ -21,15 +20,16 @@ class PosePublisher:
         publisher: publisher of the topic `odom`.
     """
 
-    def __init__(self, node: Node, prefix: str, pose: PoseIntegrator) -> None:
-        """Create the publisher of the topic `odom`.
+    def __init__(self, node: Node, publisher: Publisher, prefix: str, pose: PoseIntegrator) -> None:
+        """Publish nothing yet.
 
         Args:
             node: the node that publishes.
+            publisher: publisher of the topic `odom`.
             prefix: prefix of all frame names.
             pose: integrator at the start of the integration.
         """
-        self.publisher = advertise(node, topics.ODOM)
+        self.publisher = publisher
         self._node, self._prefix, self._pose = node, prefix, pose
         self._transforms: TransformPublisher | None = None
 

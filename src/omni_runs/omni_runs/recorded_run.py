@@ -141,8 +141,11 @@ def _to_history(streams: Mapping[str, Stream], assistant: str) -> RunHistory:
     if np.any(np.diff(stamps) == 0):
         raise ValueError("stamps of the ground truth occur twice")
     # The states may also name other joints; the enables name exactly the wheels.
-    named = streams.get(topics.ENABLE.name, streams[_WHEELS])
-    wheel_names = tuple(named.messages[0].name)
+    wheel_names = tuple(streams[_WHEELS].messages[0].name)
+    if topics.ENABLE.name in streams:
+        named = set(streams[topics.ENABLE.name].messages[0].name)
+        if named <= set(wheel_names):
+            wheel_names = tuple(name for name in wheel_names if name in named)
 
     def sampled(name: str) -> FloatArray:
         """Return an array of the history, shape (T, K) or (T,); NaN where it is unknown."""

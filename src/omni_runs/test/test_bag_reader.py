@@ -246,6 +246,20 @@ def test_wheels_may_come_in_another_order(tmp_path: Path, run: RunHistory) -> No
     assert first_difference(recorded(run), read_run(bag)) is None
 
 
+def test_other_joints_are_not_wheels(tmp_path: Path, run: RunHistory) -> None:
+    def with_an_arm(topic: str, _k: int, entry: Any) -> Any:
+        if topic == "wheel_states":
+            entry.name = ["arm_joint", *entry.name]
+            for field in ("position", "velocity", "effort"):
+                values = getattr(entry, field)
+                if len(values):
+                    setattr(entry, field, np.insert(values, 0, np.nan))
+        return entry
+
+    bag = write_bag(tmp_path / "bag", run, change=with_an_arm)
+    assert first_difference(recorded(run), read_run(bag)) is None
+
+
 def test_values_without_a_message_are_missing(tmp_path: Path, run: RunHistory) -> None:
     bag = write_bag(
         tmp_path / "bag",

@@ -62,7 +62,8 @@ class TwistAdapterNode(Node):
             subscribe(self, topics.IMU, self._on_imu, BEST_EFFORT)
         self._pose: PosePublisher | None = None
         if given.odom:
-            self._pose = PosePublisher(self, self._prefix, PoseIntegrator())
+            odom = advertise(self, topics.ODOM)
+            self._pose = PosePublisher(self, odom, self._prefix, PoseIntegrator())
             self._pose.publish_transforms({})
         self._status = StatusReporter(self, Status(ERROR, "no twist yet"))
 

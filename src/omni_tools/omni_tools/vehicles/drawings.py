@@ -22,7 +22,7 @@ from omni_sim.vehicle.configuration import VehicleConfiguration
 from omni_sim.vehicle.plausibility import brakes_over_grip, wheel_facts
 from omni_sim.vehicle.rollers import Rollers
 
-_FROM_ABOVE: dict[str, Any] = {"x": "right of the middle [m]", "y": "ahead of the middle [m]"}
+_FROM_ABOVE: dict[str, Any] = {"x": "right of base_link [m]", "y": "ahead of base_link [m]"}
 
 
 def vehicle_in_words(vehicle: VehicleConfiguration) -> dict[str, str]:
