@@ -9,6 +9,7 @@ import importlib
 import os
 import platform
 import shutil
+import signal
 import subprocess
 import sys
 import tempfile
@@ -94,19 +95,24 @@ def _ros(_: Path) -> str:
     return f"{os.environ.get('ROS_DISTRO', 'jazzy')}, {source}, {middleware}"
 
 
+# Two processes with a node each; the second one is a fork, so that both import rclpy only once.
 _TALK = """
-import sys, rclpy
+import os, sys, rclpy
 from std_msgs.msg import String
+other = os.fork()
+own, its = ("a", "b") if other else ("b", "a")
 rclpy.init()
-node = rclpy.create_node("doctor_" + sys.argv[1])
+node = rclpy.create_node("doctor_" + own)
 received = []
-node.create_subscription(String, "doctor_" + sys.argv[2], received.append, 1)
-publisher = node.create_publisher(String, "doctor_" + sys.argv[1], 1)
+node.create_subscription(String, "doctor_" + its, received.append, 1)
+publisher = node.create_publisher(String, "doctor_" + own, 1)
 spare = 20
 while rclpy.ok() and spare:
     publisher.publish(String())
     rclpy.spin_once(node, timeout_sec=0.05)
     spare -= bool(received)
+if other:
+    sys.exit(os.waitpid(other, 0)[1] != 0)
 """
 
 
@@ -117,26 +123,24 @@ def _dds(_: Path) -> str:
 
     try:
         with reserved_domain() as domain:
-            talkers = [
-                subprocess.Popen(
-                    [sys.executable, "-c", _TALK, *names],
-                    env=node_environment(domain),
-                    stdout=subprocess.DEVNULL,
-                    stderr=subprocess.DEVNULL,
-                )
-                for names in (("a", "b"), ("b", "a"))
-            ]
+            talkers = subprocess.Popen(
+                [sys.executable, "-c", _TALK],
+                env=node_environment(domain),
+                stdout=subprocess.DEVNULL,
+                stderr=subprocess.DEVNULL,
+                start_new_session=True,
+            )
             try:
-                codes = [talker.wait(30.0) for talker in talkers]
+                code = talkers.wait(30.0)
             except subprocess.TimeoutExpired:
-                codes = [1]
+                code = 1
             finally:
-                for talker in talkers:
-                    talker.kill()
-                    talker.wait()
+                with contextlib.suppress(ProcessLookupError):  # both have ended
+                    os.killpg(talkers.pid, signal.SIGKILL)
+                talkers.wait()
     except NoFreeDomainError as error:
         raise TroubleError(str(error)) from None
-    if any(codes):
+    if code:
         raise TroubleError(
             "two nodes on this machine do not receive each other's messages; is UDP on the "
             "loopback device, or /dev/shm, forbidden? unset ROS_DOMAIN_ID, RMW_IMPLEMENTATION and "
@@ -197,11 +201,16 @@ def _folders(workspace: Path) -> str:
 
 def _size(folder: Path) -> int:
     """Return the size of all files in a folder [B]."""
-    paths = (Path(place) / name for place, _, names in os.walk(folder) for name in names)
-    total = 0
-    for path in paths:
-        with contextlib.suppress(OSError):  # removed in the meantime
-            total += path.lstat().st_size
+    total, folders = 0, [str(folder)]
+    while folders:
+        # A file or folder may be removed in the meantime.
+        with contextlib.suppress(OSError), os.scandir(folders.pop()) as entries:
+            for entry in entries:
+                if entry.is_dir(follow_symlinks=False):
+                    folders.append(entry.path)
+                    continue
+                with contextlib.suppress(OSError):
+                    total += entry.stat(follow_symlinks=False).st_size
     return total
 
 

@@ -27,9 +27,9 @@ _WORDS = {
     "bound": "keeps heading and line",
     "bound_heading": "keeps heading, any path",
     "bound_any_heading": "any heading, any path",
-    "bound_all_brakes": "keeps heading and line, no brake lost",
-    "bound_heading_all_brakes": "keeps heading, any path, no brake lost",
-    "bound_any_heading_all_brakes": "any heading, any path, no brake lost",
+    "bound_all_brakes": "keeps heading and line, no loss",
+    "bound_heading_all_brakes": "keeps heading, any path, no loss",
+    "bound_any_heading_all_brakes": "any heading, any path, no loss",
 }
 
 WORK = "bounding the stop"
