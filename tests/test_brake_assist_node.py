@@ -327,11 +327,17 @@ def test_a_warning_about_the_source_of_the_twist_is_reported_from_the_start(tmp_
         assert vehicle.levels[-1] == DiagnosticStatus.WARN
 
 
-def test_encoders_and_an_imu_assist_without_any_twist(tmp_path: Path) -> None:
+@pytest.mark.parametrize("mounting", [(), (180.0, 0.0, 90.0)], ids=["level", "upside_down"])
+def test_encoders_and_an_imu_assist_without_any_twist(
+    mounting: tuple[float, ...], tmp_path: Path
+) -> None:
+    # Upside down and turned: the sensor's x axis points to the left, its y axis ahead.
+    axes = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]]) if mounting else np.eye(3)
+    given = ("-p", f"imu_rotation_deg:={list(mounting)}") if mounting else ()
     configuration = straight_line()
     kinematics = PlatformKinematics.of(configuration.vehicle.wheels)
     speeds = kinematics.wheel_speeds(SWERVING)
-    with running(configuration, tmp_path, lockstep=False) as vehicle:
+    with running(configuration, tmp_path, *given, lockstep=False) as vehicle:
         imu = vehicle.node.create_publisher(Imu, "imu", RELIABLE)
         vehicle.wait(lambda: imu.get_subscription_count() == 1)
 
@@ -341,10 +347,15 @@ def test_encoders_and_an_imu_assist_without_any_twist(tmp_path: Path) -> None:
             vehicle.send_pedal(pedal)
             # A turn at constant velocity in the body axes needs a centripetal acceleration.
             reading = Imu(header=joint_state(stamp_ns, ()).header)
-            reading.angular_velocity.z = SWERVING[2]
-            reading.linear_acceleration.y = SWERVING[0] * SWERVING[2]
-            reading.linear_acceleration.z = 1.0  # in g
-            vehicle.wheel_states.publish(joint_state(stamp_ns, vehicle.wheels, velocity=speeds))
+            force = np.array([0.0, SWERVING[0] * SWERVING[2], 1.0])  # gravity in g
+            for vector, values in (
+                (reading.angular_velocity, np.array([0.0, 0.0, SWERVING[2]])),
+                (reading.linear_acceleration, force),
+            ):
+                vector.x, vector.y, vector.z = (axes.T @ values).tolist()
+            names = ("arm_joint", *reversed(vehicle.wheels), "gripper_joint")
+            velocity = np.array([np.nan, *reversed(speeds), 0.3])
+            vehicle.wheel_states.publish(joint_state(stamp_ns, names, velocity=velocity))
             imu.publish(reading)
             due = time.monotonic() + 1e-9 * STEP_NS
             vehicle.wait(lambda: time.monotonic() > due)

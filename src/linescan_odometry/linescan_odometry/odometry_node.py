@@ -10,7 +10,6 @@ from copy import copy
 from functools import partial
 from typing import Any
 
-import numpy as np
 from geometry_msgs.msg import TwistWithCovarianceStamped
 from rclpy.node import Node
 from sensor_msgs.msg import CameraInfo
@@ -19,14 +18,15 @@ from linescan_odometry.measurements import FlowReading, SensorReading
 from linescan_odometry.odometry import OdometryConfiguration, TwistEstimate
 from linescan_odometry.port import OdometryPort
 from linescan_odometry.sideslip import SideslipEstimate, angles
-from linescan_odometry.twist.pose import PoseIntegrator
 from omni_core import topics
 from omni_core.configuration import Configuration, parameter
-from omni_core.sensors import LineSensor, Mount
+from omni_core.pose import PoseIntegrator
+from omni_core.sensors import LineSensor
 from omni_core.signals import Flow, LineBatch
 from omni_ros import line_images, messages
-from omni_ros.frames import MISSING, FrameConfiguration, TransformPublisher, prefix_frames
+from omni_ros.frames import FrameConfiguration, prefix_frames
 from omni_ros.parameters import declare_configuration
+from omni_ros.pose_publisher import PosePublisher
 from omni_ros.process import Spinner, StartupConfiguration, run_process, spin_until_stopped
 from omni_ros.qos import BEST_EFFORT, LATCHED, RELIABLE, advertise, subscribe
 from omni_ros.status import ERROR, OK, WARN, Status, StatusReporter
@@ -65,16 +65,15 @@ class OdometryNode(Node):
         self._odometry.warm_up()
         twist = advertise(self, topics.TWIST)
         self._estimates = {topics.TWIST.name: twist}
-        self._odom = advertise(self, topics.ODOM)
-        self._pose = PoseIntegrator(configuration.maximum_speed, configuration.maximum_yaw_rate)
-        self._transforms = None
+        pose = PoseIntegrator(configuration.maximum_speed, configuration.maximum_yaw_rate)
+        self._pose = PosePublisher(self, self._prefix, pose)
         if interface.publish_tf:
-            self._transforms = self._make_transforms(configuration.all_sensors)
+            self._pose.publish_transforms(configuration.all_sensors)
         sensors = ", ".join(configuration.all_sensors)
         self._status = StatusReporter(
             self, Status(ERROR, f"no lines yet; waiting for a batch from {sensors}")
         )
-        self.outputs, self.further_outputs = (twist,), [self._odom]
+        self.outputs, self.further_outputs = (twist,), [self._pose.publisher]
         if configuration.sideslip:
             angles = advertise(self, topics.SIDESLIP)
             self._estimates[topics.SIDESLIP.name] = angles
@@ -112,31 +111,8 @@ class OdometryNode(Node):
             for topic, message in estimate_messages(estimate, sideslip).items():
                 prefix_frames(message, self._prefix)
                 self._estimates[topic].publish(message)
-            self._publish_pose(estimate)
+            self._pose.publish(estimate.stamp_ns, estimate.twist, estimate.covariance)
             self._report(estimate, sideslip)
-
-    def _publish_pose(self, estimate: TwistEstimate) -> None:
-        twist, covariance = estimate.twist, estimate.covariance
-        pose = self._pose.update(estimate.stamp_ns, twist, covariance)
-        odometry = messages.planar_odometry(
-            pose.stamp_ns, pose.value, pose.covariance, twist, covariance
-        )
-        prefix_frames(odometry, self._prefix)
-        self._odom.publish(odometry)
-        if self._transforms is not None:
-            self._transforms.follow(odometry)
-
-    def _make_transforms(self, sensors: Mapping[str, Mount]) -> TransformPublisher:
-        fixed = [
-            messages.fixed_transform(name, np.array([sensor.x, sensor.y, sensor.heading]))
-            for name, sensor in sensors.items()
-        ]
-        for transform in fixed:
-            prefix_frames(transform, self._prefix)
-        transforms = TransformPublisher(self, fixed)
-        if not transforms.available:
-            self.get_logger().debug(MISSING)
-        return transforms
 
     def _report(self, estimate: TwistEstimate, sideslip: Mapping[str, SideslipEstimate]) -> None:
         """Update the status of the sensors for the diagnostics."""

@@ -115,7 +115,8 @@ class LineChain:
             self.stretch = abs(late) / count
             self.remark = (
                 f"time: {count} lines in {elapsed:.4g} periods of {self._sensor.line_rate:g} "
-                "lines/s: lines are lost or repeated, or the line rate is wrong"
+                "lines/s: lines are lost or repeated, the line rate is wrong, or an encoder "
+                "triggers the camera"
             )
         if len(chain) < 2:
             raise Unmeasured("only one line, and no previous line to compare it with")

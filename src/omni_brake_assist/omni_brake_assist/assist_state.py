@@ -1,5 +1,6 @@
 """Inputs, constants and memory of the compiled step of the brake assistant."""
 
+import dataclasses
 from typing import NamedTuple
 
 import numpy as np
@@ -43,6 +44,9 @@ _VALVE = np.dtype(
 class Constants(NamedTuple):
     """Constants of the compiled step of the brake assistant.
 
+    All positions and levers are relative to the center of the wheels, so that the decisions do not
+    depend on the position of base_link.
+
     Attributes:
         limits: limits within which the twist is valid.
         laws: constants of the control laws.
@@ -50,6 +54,8 @@ class Constants(NamedTuple):
         bank: constants of the filter bank, which detects sensor faults.
         effect: constants of the effect monitor, which detects braking with too little effect.
         brakes: constants of the brake monitor, which detects failed brakes.
+        shared_gyro: whether the yaw rate of the twist is not used, because it is that of the IMU.
+        center: center of the wheels in the body frame [m], shape (2,).
         r_x: wheel positions, x [m], shape (N,).
         r_y: wheel positions, y [m], shape (N,).
         pedal_threshold: smallest pedal position at which the driver is regarded as braking [1].
@@ -68,6 +74,8 @@ class Constants(NamedTuple):
     bank: bank_state.BankConstants
     effect: effect_monitor.EffectConstants
     brakes: brake_monitor.BrakeConstants
+    shared_gyro: bool
+    center: FloatArray
     r_x: FloatArray
     r_y: FloatArray
     pedal_threshold: float
@@ -93,6 +101,8 @@ class Memory(NamedTuple):
         brakes: state of the brake monitor, see `brake_monitor.brake_memory`, shape (2 N + 1,).
         law_speeds: wheel speeds given to the law [rad/s], NaN where faulty or unknown, shape (N,).
         commanded: brake enables of the last step [1], shape (N,).
+        twist: latest received twist, of the center of the wheels [m/s, m/s, rad/s], shape (3,).
+        twist_covariance: covariance of `twist` in the squares of its units, shape (3, 3).
         answer: twist that the filter bank estimates for the present time [m/s, m/s, rad/s],
             shape (3,).
         speeds: received wheel speeds [rad/s], NaN where not received, shape (N,).
@@ -112,6 +122,8 @@ class Memory(NamedTuple):
     brakes: FloatArray
     law_speeds: FloatArray
     commanded: FloatArray
+    twist: FloatArray
+    twist_covariance: FloatArray
     answer: FloatArray
     speeds: FloatArray
     inertial: FloatArray
@@ -160,6 +172,9 @@ def make_constants(
     configuration: BrakeAssistConfiguration, geometry: PlatformGeometry
 ) -> Constants:
     """Return the constants of the compiled step for a configuration and wheel geometry."""
+    center, geometry = geometry.center, geometry.seen_from(geometry.center)
+    x, y = configuration.imu_x - center[0], configuration.imu_y - center[1]
+    configuration = dataclasses.replace(configuration, imu_x=float(x), imu_y=float(y))
     r_x, r_y = np.ascontiguousarray(geometry.position.T)
     return Constants(
         fail_safe.make_limits(configuration, float(np.max(np.hypot(r_x, r_y)))),
@@ -168,6 +183,8 @@ def make_constants(
         bank_state.bank_constants(configuration, geometry),
         effect_monitor.effect_constants(configuration, geometry),
         brake_monitor.brake_constants(configuration, geometry),
+        configuration.shared_gyro,
+        center,
         r_x,
         r_y,
         configuration.pedal_threshold,
@@ -194,6 +211,8 @@ def new_memory(constants: Constants) -> Memory:
         brake_monitor.brake_memory(wheels),
         np.zeros(wheels),
         np.ones(wheels),
+        np.zeros(3),
+        np.zeros((3, 3)),
         np.zeros(3),
         np.zeros(wheels),
         np.zeros(3),

@@ -77,7 +77,8 @@ def receive(constants: Constants, memory: Memory, inputs: Inputs) -> tuple[bool,
 @inlined
 def _receive(constants: Constants, memory: Memory, inputs: Inputs) -> tuple[bool, law.Motion]:
     """Compute the result of `receive`; kernels of this module can inline this function."""
-    step, line, feedback = memory.step[0], memory.line[0], inputs.feedback
+    step, line = memory.step[0], memory.line[0]
+    feedback = _twist_of_center(constants, memory, inputs.feedback)
     braking = inputs.pedal >= constants.pedal_threshold
     weighed = _read_sensors(constants, memory, inputs) and constants.fault_detection
     limits, gate = constants.limits, memory.gate[0]
@@ -90,7 +91,7 @@ def _receive(constants: Constants, memory: Memory, inputs: Inputs) -> tuple[bool
     step.dead = step.dead if braking else 0
     if constants.fault_detection:
         received = good and gate.cause in conditions.INPUTS_VALID
-        chosen = _estimate_motion(constants, memory, inputs, received, pedal, elapsed)
+        chosen = _estimate_motion(constants, memory, inputs, feedback, received, pedal, elapsed)
         step.contradicted = chosen == bank_state.NO_ESTIMATE
         step.reckoned = chosen in bank_state.DEAD_RECKONING or not received
         if memory.bank.record[0].equipped:
@@ -129,6 +130,38 @@ def _receive(constants: Constants, memory: Memory, inputs: Inputs) -> tuple[bool
 
 
 @inlined
+def _twist_of_center(constants: Constants, memory: Memory, received: TwistSample) -> TwistSample:
+    """Return the twist of the center of the wheels for a twist of base_link."""
+    _store_twist(constants, memory, received)
+    twist, covariance = memory.twist, memory.twist_covariance
+    return TwistSample(received.stamp_ns, twist, covariance, received.validity)
+
+
+@lean
+def _store_twist(constants: Constants, memory: Memory, received: TwistSample) -> None:
+    """Store a twist of base_link as the twist of the center of the wheels, Eq. (23)."""
+    x, y, twist = constants.center[0], constants.center[1], memory.twist
+    covariance = memory.twist_covariance
+    for i in range(3):
+        twist[i] = received.value[i]
+        for j in range(3):
+            covariance[i, j] = received.covariance[i, j]
+    if x != 0.0 or y != 0.0:
+        twist[0] -= y * twist[2]
+        twist[1] += x * twist[2]
+        for j in range(3):
+            covariance[0, j] -= y * covariance[2, j]
+            covariance[1, j] += x * covariance[2, j]
+        for j in range(3):
+            covariance[j, 0] -= y * covariance[j, 2]
+            covariance[j, 1] += x * covariance[j, 2]
+    if constants.shared_gyro:
+        for j in range(3):
+            covariance[2, j] = covariance[j, 2] = 0.0
+        covariance[2, 2] = UNMEASURED_VARIANCE
+
+
+@inlined
 def _read_sensors(constants: Constants, memory: Memory, inputs: Inputs) -> bool:
     """Store wheel speeds and IMU reading; store NaN for values that are too old or implausible.
 
@@ -161,6 +194,7 @@ def _estimate_motion(
     constants: Constants,
     memory: Memory,
     inputs: Inputs,
+    feedback: TwistSample,
     received: bool,
     pedal: float,
     dt: float,
@@ -171,6 +205,7 @@ def _estimate_motion(
         constants: constants of the assistant.
         memory: memory of the assistant, changed in place.
         inputs: inputs of this step.
+        feedback: latest twist, of the center of the wheels.
         received: whether the latest twist is valid and no fault of an input has closed the input
             gate. If False, or if no component of the twist is measured, the twist is ignored.
         pedal: the driver's brake demand, 0 while the pedal is up [1].
@@ -179,7 +214,7 @@ def _estimate_motion(
     Returns:
         Number of the most probable hypothesis of the filter bank, or NO_ESTIMATE.
     """
-    step, feedback = memory.step[0], inputs.feedback
+    step = memory.step[0]
     speeds, inertial, imu_ns = memory.speeds, memory.inertial, inputs.imu.stamp_ns
     fresh, step.imu_ns = imu_ns != step.imu_ns, imu_ns
     age = max(since(inputs.now_ns, imu_ns) * 1e-9, 0.0)
@@ -374,8 +409,8 @@ def fastest_wheel(r_x: FloatArray, r_y: FloatArray, v_x: float, v_y: float, omeg
     Args:
         r_x: wheel positions, x [m], shape (N,).
         r_y: wheel positions, y [m], shape (N,).
-        v_x: velocity of the platform center, x [m/s].
-        v_y: velocity of the platform center, y [m/s].
+        v_x: velocity of the center of the wheels, x [m/s].
+        v_y: velocity of the center of the wheels, y [m/s].
         omega: yaw rate [rad/s].
     """
     largest = 0.0

@@ -39,6 +39,8 @@ from omni_core.kinematics import PlatformKinematics
 from omni_core.quantities import FloatArray
 from omni_core.signals import INVALID, MISSING, VALID, ImuSample, TwistSample, WheelSample
 
+_SHOWN = 12  # number of other joints in a message about wheel_states
+
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class BrakeDemand:
@@ -125,13 +127,13 @@ class BrakeAssist:
         self.configuration = dataclasses.replace(self.configuration, enabled=enabled)
 
     def check_wheel_names(self, names: Iterable[str]) -> Fault | None:
-        """Return the fault if the wheel names in a message differ from those of the configuration.
+        """Return the fault if a message does not name each configured wheel exactly once.
 
-        If they differ, all brakes stay on until a later message has the configured names.
-        Before the first message, the configuration is assumed to be correct.
+        If so, all brakes stay on until a later message names them. Before the first message, the
+        configuration is assumed to be correct.
 
         Args:
-            names: wheel names in the message, in any order.
+            names: names in the message, in any order; other joints are ignored.
 
         Returns:
             The fault UNKNOWN_WHEEL; None if the names agree.
@@ -153,13 +155,15 @@ class BrakeAssist:
             self._faults[conditions.WRONG_FRAME] = Fault(AssistState.WRONG_FRAME, problem)
 
     def _compare_wheels(self, names: Iterable[str]) -> Fault | None:
-        reported, known = Counter(names), set(self.geometry.names)
+        reported, known = Counter(names), self.geometry.names
+        missing = [name for name in known if name not in reported]
+        others = [name for name in reported if name not in known] if missing else []
         problems = [
             f"{word} {', '.join(map(str, wheels))}"
             for word, wheels in (
-                ("unknown", [name for name in reported if name not in known]),
-                ("missing", [name for name in self.geometry.names if name not in reported]),
-                ("repeated", [name for name, count in reported.items() if count > 1]),
+                ("unknown", others[:_SHOWN]),
+                ("missing", missing),
+                ("repeated", [name for name in known if reported[name] > 1]),
             )
             if wheels
         ]

@@ -24,6 +24,7 @@ from omni_brake_assist.imu_integration import ImuIntegrator
 from omni_brake_assist.sources import ReceivedRate, RejectionTimers, Source, summary
 from omni_core import signals, topics
 from omni_core.configuration import Configuration, ConfigurationError, parameter
+from omni_core.sensors import rotation_matrix
 from omni_ros import messages
 from omni_ros.clocks import RunningClock
 from omni_ros.frames import FrameConfiguration, frame_problem
@@ -229,6 +230,8 @@ class BrakeAssistNode(Node):
         self.add_post_set_parameters_callback(self._on_parameters_set)
         self._wheels = tuple(configuration.wheels)
         self._imu_received = -math.inf
+        turned = configuration.imu_rotation_deg
+        self._imu_axes = rotation_matrix(turned) if turned else None
         self._upwards: float | None = None  # specific force of the IMU, low-passed [m/s^2]
         self._rates = {name: ReceivedRate() for name in ("twist", "imu")}
         self._fault_detection = configuration.fault_detection
@@ -315,7 +318,7 @@ class BrakeAssistNode(Node):
         if not self._fault_detection:
             return
         self._imu_received = self._running.now()
-        sample, upwards = messages.imu_reading_of(message), message.linear_acceleration.z
+        sample, upwards = messages.imu_vectors_of(message, self._imu_axes)
         share = self._rates["imu"].update(sample.stamp_ns)
         last = upwards if self._upwards is None else self._upwards
         if math.isfinite(upwards):

@@ -129,9 +129,15 @@ class BrakeAssistConfiguration(Configuration):
     """Fault detection: whether the twist is compared with IMU and wheel speeds, which replace a
     missing twist, and whether the effect of braking is monitored"""
     imu_x: float = parameter(0.0, unit="m", minimum=-100.0, maximum=100.0)
-    """Position of the IMU, measured forward from the platform center"""
+    """Position of the IMU, forward of base_link"""
     imu_y: float = parameter(0.0, unit="m", minimum=-100.0, maximum=100.0)
-    """Position of the IMU, measured to the left from the platform center"""
+    """Position of the IMU, left of base_link"""
+    imu_rotation_deg: tuple[float, ...] = parameter((), unit="deg", minimum=-360.0, maximum=360.0)
+    """Roll, pitch and yaw of the IMU's axes in base_link, as `rpy` of a joint in a URDF but in deg;
+    empty if the messages have the axes of base_link"""
+    shared_gyro: bool = parameter(False)
+    """Whether the yaw rate of the twist comes from the same IMU as the readings of the assistant,
+    so that it is no second measurement of the yaw rate"""
     feedback_delay: float = parameter(0.0, unit="s", minimum=0.0, maximum=0.2)
     """Time from the motion that a twist describes to the stamp of the twist; compensated by
     prediction with the IMU"""
@@ -150,7 +156,8 @@ class BrakeAssistConfiguration(Configuration):
         Raises:
             ConfigurationError: the law is unknown, the vehicle has too many valves for the law, k
                 is even, which Eq. (59) excludes, `feedback_timeout` exceeds `maximum_time_step`, or
-                delay and timeout last too many control periods.
+                delay and timeout last too many control periods, or the rotation of the IMU is
+                incomplete.
             UnusablePlatformError: the wheels cannot brake the platform in all three degrees of
                 freedom, as section 3.3 of the dissertation requires.
         """
@@ -180,4 +187,6 @@ class BrakeAssistConfiguration(Configuration):
                 f"allocation compares all patterns of on-off valves, which takes too long for "
                 f"{wheels} wheels, must be at most {MOST_VALVES}; use sliding_mode",
             )
+        if len(self.imu_rotation_deg) not in (0, 3):
+            raise ConfigurationError("imu_rotation_deg", "must be three angles: roll, pitch, yaw")
         PlatformKinematics.of(self.wheels)

@@ -62,7 +62,7 @@ class Limits(NamedTuple):
         yaw_rate_noise: change of the yaw rate between two twists that noise may cause [rad/s].
         frozen_time: duration after which an unchanged twist is invalid [s], 0 for never.
         speed_threshold: speed below which an unchanged twist remains valid [m/s].
-        reach: distance of the farthest wheel from the platform center [m].
+        reach: distance of the farthest wheel from the center of the wheels [m].
         recovery_count: number of consecutive valid twists that opens the gate.
     """
 
@@ -87,7 +87,7 @@ def make_limits(configuration: BrakeAssistConfiguration, reach: float) -> Limits
 
     Args:
         configuration: configuration of the assistant.
-        reach: distance of the farthest wheel from the platform center [m].
+        reach: distance of the farthest wheel from the center of the wheels [m].
     """
     same = {
         name: getattr(configuration, name)

@@ -74,7 +74,9 @@ def sources(memory: Memory, kinematics: PlatformKinematics, detects: bool) -> tu
     twist = force + gyro
     found = [_source("twist", twist, isolated=best in (*bank.TWIST_FAULTS, bank.NO_ESTIMATE))]
     if found[0].state == ISOLATED and not memory.bank.record[0]["pressed"]:
-        found[0] = found[0]._replace(reason=_disagreement(gate, kinematics.twist(memory.speeds)))
+        rolling, (x, y) = kinematics.twist(memory.speeds), kinematics.geometry.center
+        rolling[:2] += rolling[2] * np.array([-y, x])  # of the center of the wheels, as `gate`
+        found[0] = found[0]._replace(reason=_disagreement(gate, rolling))
     if gate["cause"] not in conditions.INPUTS_VALID:
         state = LOST if gate["cause"] in _NO_TWIST else REJECTED
         found[0] = Source("twist", twist, state, CONDITIONS[int(gate["cause"])].state.value)

@@ -122,7 +122,6 @@ def test_same_stamp_twice_is_no_jump(mecanum: Wheels) -> None:
 @pytest.mark.parametrize(
     ("change", "problem"),
     [
-        (lambda names: [*names, "spare"], "unknown spare"),
         (lambda names: names[1:], "missing rear_left"),
         (lambda names: [*names[:3], "rear_rite"], "unknown rear_rite; missing rear_right"),
         (lambda names: [*names, names[0]], "repeated rear_left"),
@@ -139,6 +138,13 @@ def test_other_wheels_than_configured_have_all_brakes_on(
     assert problem in decision.reason
     assert assist.check_wheel_names(reversed(list(mecanum))) is None  # order is free
     assert assist.update(demand(6)).state is AssistState.ASSISTING
+
+
+def test_other_joints_of_the_vehicle_are_ignored(mecanum: Wheels) -> None:
+    assist = assisting(mecanum)
+    names = ["arm_1_joint", *reversed(list(mecanum)), "gripper_joint", "arm_1_joint"]
+    assert assist.check_wheel_names(names) is None
+    assert assist.update(demand(5)).state is AssistState.ASSISTING
 
 
 @pytest.mark.parametrize("state", [AssistState.NO_DEMAND, AssistState.STALE_FEEDBACK])

@@ -17,11 +17,11 @@ def urdf(
     name: str,
     wheels: Mapping[str, WheelMount],
     sensors: Mapping[str, Mount],
-    size: tuple[float, float] | None = None,
+    chassis: tuple[float, float, float, float] | None = None,
 ) -> str:
     """Return the URDF of a vehicle.
 
-    `base_link` is on the ground below the platform's center. Each wheel's joint has the name of the
+    `base_link` is on the ground. Each wheel's joint has the name of the
     wheel, so messages on `wheel_states` are states of these joints. The frame of a camera or flow
     sensor has its origin at the center of the footprint and its x axis along the sensor's axis.
 
@@ -29,16 +29,14 @@ def urdf(
         name: name of the robot.
         wheels: wheels, keyed by name.
         sensors: line cameras, flow sensors and IMU, keyed by name.
-        size: length and width of the platform [m]; by default the extent of the wheel positions.
+        chassis: x, y of the chassis' center, length and width [m]; by default the extent of the
+            wheel positions.
     """
     robot = ElementTree.Element("robot", name=name)
     radius = max(wheel.radius for wheel in wheels.values())
-    length, width = size or (
-        2.0 * max(abs(wheel.x) for wheel in wheels.values()) + radius,
-        2.0 * max(abs(wheel.y) for wheel in wheels.values()) + radius,
-    )
+    x, y, length, width = chassis or _extent(wheels, radius)
     base = ElementTree.SubElement(robot, "link", name="base_link")
-    body = _visual(base, (0.0, 0.0, 1.5 * radius), (0.0, 0.0, 0.0))
+    body = _visual(base, (x, y, 1.5 * radius), (0.0, 0.0, 0.0))
     ElementTree.SubElement(body, "box", size=_numbers(length, width, _BODY_HEIGHT))
     for wheel_name, wheel in wheels.items():
         link = ElementTree.SubElement(robot, "link", name=f"{wheel_name}_wheel")
@@ -55,6 +53,18 @@ def urdf(
         _joint(robot, f"{sensor_name}_mount", "fixed", link, place, sensor.heading_deg)
     ElementTree.indent(robot)
     return '<?xml version="1.0"?>\n' + ElementTree.tostring(robot, encoding="unicode") + "\n"
+
+
+def _extent(wheels: Mapping[str, WheelMount], margin: float) -> tuple[float, float, float, float]:
+    """Return center x, y, length and width [m] of the wheel positions, with a margin [m]."""
+    x, y = ([getattr(wheel, axis) for wheel in wheels.values()] for axis in "xy")
+    low, high = (min(x), min(y)), (max(x), max(y))
+    return (
+        0.5 * (low[0] + high[0]),
+        0.5 * (low[1] + high[1]),
+        high[0] - low[0] + margin,
+        high[1] - low[1] + margin,
+    )
 
 
 def _visual(

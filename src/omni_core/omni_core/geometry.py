@@ -1,9 +1,9 @@
 """Positions and directions of the wheels.
 
 Figures and equations are those of the dissertation; Figures 13 and 14 show the symbols. Frames
-follow REP-103: the body frame `base_link` is at the geometric center of the platform, x forward, y
-left, z up. `k` is the unit ground normal, so that for vectors in the ground plane ``a x k = (a_y,
--a_x)`` and ``cross(a, b) = a_x b_y - a_y b_x``.
+follow REP-103: the body frame `base_link` has x forward, y left, z up. Its origin may be anywhere
+on the platform; the center of the wheels is derived. `k` is the unit ground normal, so that for
+vectors in the ground plane ``a x k = (a_y, -a_x)`` and ``cross(a, b) = a_x b_y - a_y b_x``.
 
 The roller angle gamma is the angle from the rolling direction to the axis of the roller on the
 ground: 0 for the kiwi drive, +45 or -45 deg for a Mecanum wheel. The sign of the active direction
@@ -26,14 +26,17 @@ TYPICAL_WIDTH = 0.4
 """Ratio of a wheel's width to its diameter where the width is unknown [1], such as 80 mm for a
 Mecanum wheel of 203 mm"""
 
+_ROUNDING = 1e-6
+"""Limit on the error of a center due to positions that are rounded in a file [m]"""
+
 
 class WheelMount(Configuration):
     """One omni-wheel on the platform, in the body frame."""
 
     x: float = parameter(unit="m", minimum=-LARGEST_OFFSET, maximum=LARGEST_OFFSET)
-    """Position of the wheel contact, forward of the platform center"""
+    """Position of the wheel contact, forward of base_link"""
     y: float = parameter(unit="m", minimum=-LARGEST_OFFSET, maximum=LARGEST_OFFSET)
-    """Position of the wheel contact, left of the platform center"""
+    """Position of the wheel contact, left of base_link"""
     heading_deg: float = parameter(0.0, unit="deg", minimum=-360.0, maximum=360.0)
     """Rolling direction u of the wheel, counter-clockwise from the forward direction"""
     roller_angle_deg: float = parameter(unit="deg", minimum=-180.0, maximum=180.0)
@@ -103,6 +106,20 @@ class PlatformGeometry:
             roller_angle=gamma,
             radius=np.array([mount.radius for mount in mounts]),
         )
+
+    @cached_property
+    def center(self) -> FloatArray:
+        """Return the center of the wheels: the mean of their contact points [m], shape (2,).
+
+        A coordinate that differs from 0 only by the rounding of positions is exactly 0.
+        """
+        center: FloatArray = np.mean(self.position, axis=0)
+        center[np.abs(center) < _ROUNDING] = 0.0
+        return center
+
+    def seen_from(self, point: FloatArray) -> PlatformGeometry:
+        """Return the wheels with positions relative to a point in the body frame [m]."""
+        return dataclasses.replace(self, position=self.position - point)
 
     @cached_property
     def lever(self) -> FloatArray:

@@ -121,8 +121,9 @@ def _laid_out(wheels: tuple[tuple[str, WheelMount], ...]) -> PlatformKinematics:
 def smallest_singular_value(matrix: FloatArray, geometry: PlatformGeometry) -> float:
     """Return the smallest singular value of ``M``, made dimensionless [1].
 
-    The lengths in the third column of ``M`` are divided by the largest distance between a wheel and
-    the platform's center.
+    The third column of ``M`` is converted to the center of the wheels, so that the result does not
+    depend on the position of base_link, and its lengths are divided by the largest distance between
+    a wheel and this center.
 
     Args:
         matrix: matrix ``M`` of Eq. (33), with columns in [1], [1] and [m], shape (N, 3).
@@ -132,9 +133,11 @@ def smallest_singular_value(matrix: FloatArray, geometry: PlatformGeometry) -> f
 
 
 def _singular_values(matrix: FloatArray, geometry: PlatformGeometry) -> FloatArray:
-    reach = float(np.max(np.linalg.norm(geometry.position, axis=1)))
+    reach = float(np.max(np.linalg.norm(geometry.position - geometry.center, axis=1)))
+    centered = matrix.copy()
+    centered[:, 2] += geometry.passive @ geometry.center
     scale = np.array([1.0, 1.0, reach if reach > 0.0 else 1.0])
-    values: FloatArray = np.linalg.svd(matrix / scale, compute_uv=False)
+    values: FloatArray = np.linalg.svd(centered / scale, compute_uv=False)
     return values
 
 

@@ -24,7 +24,7 @@ CONTROL_PERIOD = 0.01
 """Default of all periods that equal the control period: simulator, assistant, brake adapter [s]."""
 
 LARGEST_OFFSET = 100.0
-"""Limit on the coordinates x and y of any part relative to the platform's center [m]; a larger
+"""Limit on the coordinates x and y of any part relative to base_link [m]; a larger
 value is assumed to be a typing error."""
 
 

@@ -8,7 +8,7 @@ Each pixel integrates over the `width` of the footprint across the axis (dissert
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -125,6 +125,21 @@ def heading_remarks(key: str, mounts: Mapping[str, Mount]) -> tuple[str, ...]:
 def _rounded_radians(angle: float) -> bool:
     """Return whether an angle is a multiple of 30 or 45 deg in radians with two decimals."""
     return any(abs(angle - common) <= 0.5e-2 for common in _COMMON_HEADINGS)
+
+
+def rotation_matrix(angles_deg: Sequence[float]) -> FloatArray:
+    """Return the matrix from the axes of a mounted sensor to those of base_link, shape (3, 3).
+
+    Args:
+        angles_deg: roll, pitch and yaw, rotations about the fixed axes x, y and z in this order, as
+            `rpy` of a joint in a URDF, but in [deg]; empty for equal axes.
+    """
+    roll, pitch, yaw = np.radians(angles_deg if len(angles_deg) else np.zeros(3))
+    (a, b, c), (d, e, f) = np.cos((roll, pitch, yaw)), np.sin((roll, pitch, yaw))
+    about_x = np.array([[1.0, 0.0, 0.0], [0.0, a, -d], [0.0, d, a]])
+    about_y = np.array([[b, 0.0, e], [0.0, 1.0, 0.0], [-e, 0.0, b]])
+    about_z = np.array([[c, -f, 0.0], [f, c, 0.0], [0.0, 0.0, 1.0]])
+    return np.asarray(about_z @ about_y @ about_x)
 
 
 def sensor_matrix(sensors: Mapping[str, Mount]) -> FloatArray:

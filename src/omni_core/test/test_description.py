@@ -43,3 +43,15 @@ def test_every_wheel_and_camera_hangs_where_it_is_bolted(count: int) -> None:
         place = [float(value) for value in origin.attrib["xyz"].split()]
         assert place[:2] == pytest.approx([x, y], abs=1e-8)
         assert float(origin.attrib["rpy"].split()[2]) == pytest.approx(math.radians(heading))
+
+
+def test_the_chassis_is_drawn_around_its_center() -> None:
+    wheels = {"only": WheelMount(x=0.0, y=0.0, roller_angle_deg=0.0, radius=0.1)}
+    robot = ElementTree.fromstring(urdf("toy", wheels, {}, (-0.14, 0.02, 0.75, 0.5)))
+    body = robot.find("link/visual")
+    assert body is not None
+    place, box = body.find("origin"), body.find("geometry/box")
+    assert place is not None
+    assert box is not None
+    assert place.attrib["xyz"].split()[:2] == ["-0.14", "0.02"]
+    assert box.attrib["size"].split()[:2] == ["0.75", "0.5"]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 
 import numpy as np
@@ -10,7 +11,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from omni_core.geometry import WheelMount, cross
-from omni_core.kinematics import PlatformKinematics, UnusablePlatformError
+from omni_core.kinematics import (
+    PlatformKinematics,
+    UnusablePlatformError,
+    smallest_singular_value,
+)
 
 L, W, R = 1.2, 0.9, 0.2
 # Eq. (35): its rows are rear-left, front-left, front-right, rear-right.
@@ -60,6 +65,25 @@ def test_directions_follow_the_definitions() -> None:
     np.testing.assert_allclose(
         np.sum(g.rolling * g.active, axis=1), -np.cos(g.roller_angle), atol=1e-15
     )
+
+
+@pytest.mark.parametrize("wheels", [MECANUM, KIWI])
+def test_base_link_may_be_anywhere(wheels: dict[str, WheelMount]) -> None:
+    moved = {
+        name: dataclasses.replace(wheel, x=wheel.x + 30.0, y=wheel.y - 20.0)
+        for name, wheel in wheels.items()
+    }
+    own, other = PlatformKinematics(wheels), PlatformKinematics(moved)
+    assert not own.geometry.center.any()
+    np.testing.assert_allclose(other.geometry.center, [30.0, -20.0])
+    np.testing.assert_allclose(
+        smallest_singular_value(other.matrix, other.geometry),
+        smallest_singular_value(own.matrix, own.geometry),
+    )
+    # A turn about the old base_link turns the wheels as before.
+    twist = np.array([0.0, 0.0, 0.7])
+    about_old = np.array([0.7 * -20.0, 0.7 * -30.0, 0.7])  # v = Omega k x (r_new - r_old), Eq. (23)
+    np.testing.assert_allclose(other.wheel_speeds(about_old), own.wheel_speeds(twist), atol=1e-9)
 
 
 angles = st.floats(-80.0, 80.0)

@@ -8,7 +8,13 @@ import numpy as np
 import pytest
 
 from omni_core.configuration import ConfigurationError
-from omni_core.sensors import FlowSensor, LineSensor, heading_remarks, sensor_matrix
+from omni_core.sensors import (
+    FlowSensor,
+    LineSensor,
+    heading_remarks,
+    rotation_matrix,
+    sensor_matrix,
+)
 
 
 def test_rows_are_velocities_along_the_axes() -> None:
@@ -56,3 +62,21 @@ def test_a_mounting_heading_in_radians_is_reported(degrees: int, digits: int) ->
 def test_headings_in_degrees_are_not_reported(headings: tuple[float, ...]) -> None:
     sensors = {f"{h}": LineSensor(x=0.0, y=0.0, heading_deg=h) for h in headings}
     assert heading_remarks("sensors", sensors) == ()
+
+
+@pytest.mark.parametrize(
+    ("angles", "images"),
+    [
+        ((), "+x +y +z"),
+        ((0, 0, 90), "+y -x +z"),
+        ((180, 0, 0), "+x -y -z"),
+        ((0, -90, 0), "+z +y -x"),
+        ((90, 0, 90), "+y +z +x"),  # roll comes first: its y axis goes up and stays there
+    ],
+)
+def test_the_rotation_of_a_mounting_is_that_of_a_urdf(
+    angles: tuple[float, ...], images: str
+) -> None:
+    axes = dict(zip("xyz", np.eye(3), strict=True))
+    wanted = [float(f"{word[0]}1") * axes[word[1]] for word in images.split()]
+    np.testing.assert_allclose(rotation_matrix(angles).T, wanted, atol=1e-15)

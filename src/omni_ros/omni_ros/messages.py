@@ -257,12 +257,25 @@ def wheel_speeds_of(message: Any, wheels: Sequence[str]) -> signals.WheelSample 
 
 def imu_reading_of(message: Any) -> signals.ImuSample:
     """Return yaw rate and specific force of a `sensor_msgs/Imu` with the axes of `base_link`."""
-    force = message.linear_acceleration
-    return signals.ImuSample(
-        to_nanoseconds(message.header.stamp),
-        float(message.angular_velocity.z),
-        np.array([force.x, force.y]),
+    return imu_vectors_of(message)[0]
+
+
+def imu_vectors_of(message: Any, axes: FloatArray | None = None) -> tuple[signals.ImuSample, float]:
+    """Return the reading in a `sensor_msgs/Imu`, and its specific force upwards [m/s^2].
+
+    Args:
+        message: message of an IMU.
+        axes: matrix from the axes of the message to those of `base_link`, shape (3, 3); None for
+            equal axes.
+    """
+    rate, force = (
+        np.array([vector.x, vector.y, vector.z])
+        for vector in (message.angular_velocity, message.linear_acceleration)
     )
+    if axes is not None:
+        rate, force = axes @ rate, axes @ force
+    stamp_ns = to_nanoseconds(message.header.stamp)
+    return signals.ImuSample(stamp_ns, float(rate[2]), force[:2]), float(force[2])
 
 
 def flow_of(message: Any) -> signals.Flow:

@@ -10,8 +10,8 @@ import math
 
 import numpy as np
 
-from linescan_odometry.twist.pose import PoseIntegrator
 from omni_core.geometry import turned
+from omni_core.pose import PoseIntegrator
 from omni_core.quantities import FloatArray
 from omni_runs.history import RunHistory
 from omni_runs.metrics import NO_ODOMETRY, Metric

@@ -7,6 +7,8 @@ import math
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 
+import numpy as np
+
 from omni_core.quantities import plain
 from omni_core.sensors import OVERLAP, LineSensor, Mount, heading_remarks
 from omni_runs.experiment import ExperimentConfiguration, ExperimentLibrary
@@ -92,7 +94,8 @@ def _camera_remarks(experiment: ExperimentConfiguration) -> Iterator[str]:
     mounts: dict[str, Mount] = {f"sensors.{name}": s for name, s in experiment.sensors.items()}
     mounts |= {f"flow_sensors.{name}": s for name, s in experiment.flow_sensors.items()}
     for key, sensor in mounts.items():
-        if abs(sensor.x) > vehicle.chassis_length / 2 or abs(sensor.y) > vehicle.chassis_width / 2:
+        from_center = np.abs(np.subtract((sensor.x, sensor.y), vehicle.chassis_center))
+        if np.any(2.0 * from_center > vehicle.chassis_size):
             yield (
                 f"{key}: its position ({sensor.x:g}, {sensor.y:g}) m is beyond the edge of the "
                 f"chassis of {vehicle.chassis_length:g} x {vehicle.chassis_width:g} m; "

@@ -138,7 +138,9 @@ def _to_history(streams: Mapping[str, Stream], assistant: str) -> RunHistory:
     stamps = motion["stamp_ns"]
     if np.any(np.diff(stamps) == 0):
         raise ValueError("stamps of the ground truth occur twice")
-    wheel_names = tuple(streams[_WHEELS].messages[0].name)
+    # The states may also name other joints; the enables name exactly the wheels.
+    named = streams.get(topics.ENABLE.name, streams[_WHEELS])
+    wheel_names = tuple(named.messages[0].name)
 
     def sampled(name: str) -> FloatArray:
         """Return an array of the history, shape (T, K) or (T,); NaN where it is unknown."""
@@ -233,7 +235,7 @@ def values_of(message: Any, name: str, wheel_names: Sequence[str]) -> Any:
         wheel_names: names of the wheels in the order of the result.
 
     Raises:
-        ValueError: the message has other wheels, or another number of values.
+        ValueError: the message lacks a wheel, or has another number of values.
     """
     signal = SOURCES[name][1]
     if signal.field == "twist.twist":
@@ -252,14 +254,14 @@ def ordered(message: Any, field: str, wheel_names: Sequence[str]) -> FloatArray:
     """Return a field of a JointState with its N values in the order of `wheel_names`, shape (N,).
 
     Raises:
-        ValueError: the message has other wheels, or another number of values.
+        ValueError: the message lacks a wheel or names it twice, or has another number of values.
     """
     values: FloatArray = getattr(message, field)
+    if len(values) != len(message.name):
+        raise ValueError(f"{len(values)} values of {field} for {len(message.name)} joints")
     if list(message.name) == list(wheel_names):
-        if len(values) != len(wheel_names):
-            raise ValueError(f"{len(values)} values of {field} for {len(wheel_names)} wheels")
         return values
-    if sorted(message.name) != sorted(wheel_names) or len(values) != len(wheel_names):
+    if any(message.name.count(name) != 1 for name in wheel_names):
         raise ValueError(f"wheels {', '.join(message.name)} are not {', '.join(wheel_names)}")
     order = [message.name.index(name) for name in wheel_names]
     return values[order]

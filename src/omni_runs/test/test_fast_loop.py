@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,7 +13,7 @@ from made_histories import first_difference
 
 from omni_brake_assist.conditions import AssistState
 from omni_core.configuration import ConfigurationError
-from omni_core.quantities import SECOND_NS
+from omni_core.quantities import SECOND_NS, FloatArray
 from omni_core.signals import UNMEASURED_VARIANCE, TwistSample
 from omni_runs.compiled import run_fast_loop
 from omni_runs.experiment import ExperimentConfiguration, ExperimentLibrary
@@ -33,6 +35,7 @@ WITHOUT_FORCE = (
     "faults={a: {channel: accelerometer, kind: drop_out, time: 1.0},"
     " b: {channel: twist, kind: offset, time: 1.3, amplitude: 1.0}}",
 )
+MOVED = 0.4, -0.2  # base_link from the center of the wheels [m]
 TURNING = ("maneuver.yaw_rate_deg=70", "maneuver.direction_deg=30")
 
 
@@ -179,3 +182,75 @@ def test_trust_holds_up_to_the_fastest_maneuver(law: str) -> None:
     run = run_fast_loop(configuration)
     assert run.stopped
     assert np.all(run.valid[run.brake_start :])
+
+
+@pytest.mark.parametrize("law", ["sliding_mode", "allocation"])
+def test_a_stop_does_not_depend_on_the_position_of_base_link(law: str) -> None:
+    centered = load("straight_line", "assisted", f"brake_assist.law={law}", *TURNING)
+    moved = run_fast_loop(with_base_link_elsewhere(centered))
+    run = run_fast_loop(centered)
+    both = slice(min(len(run.pose), len(moved.pose)))  # they rock on their tires at the end
+    between = run.pose[both, :2] - moved.pose[both, :2]
+    np.testing.assert_allclose(moved.pose[both, 2], run.pose[both, 2], atol=1e-6)
+    np.testing.assert_allclose(np.hypot(*between.T), math.hypot(*MOVED), rtol=1e-6)
+    np.testing.assert_allclose(moved.enable[both], run.enable[both], atol=1e-6)
+
+
+@pytest.mark.parametrize("law", ["sliding_mode", "allocation"])
+def test_a_fault_of_a_gyro_that_also_gives_the_twist_is_no_worse_than_no_assistance(
+    law: str,
+) -> None:
+    error, onset = 0.5, 1.2  # [rad/s], [s]
+    fault = f"faults={{a: {{channel: gyro, kind: offset, time: {onset}, amplitude: {error}}}}}"
+    given = f"brake_assist.law={law}", "brake_assist.shared_gyro=true", "imu.enabled=true", fault
+    random = np.random.default_rng(5)
+
+    def flow_and_gyro(stamp_ns: int, true: FloatArray, _: FloatArray) -> TwistSample:
+        value = true + random.normal(0.0, 0.01, 3)
+        value[2] += error if stamp_ns >= onset * SECOND_NS else 0.0
+        return TwistSample(stamp_ns, value, 1e-4 * np.eye(3))
+
+    assisted = run_fast_loop(load("straight_line", "assisted", *given), flow_and_gyro)
+    unassisted = run_fast_loop(load("straight_line", "unassisted"))
+    assert abs(assisted.pose[-1, 2]) < abs(unassisted.pose[-1, 2])
+
+
+def with_base_link_elsewhere(experiment: ExperimentConfiguration) -> ExperimentConfiguration:
+    """Return an experiment with the same vehicle and motion, described about another base_link."""
+    x, y = MOVED
+    vehicle, imu = experiment.vehicle, experiment.imu
+
+    def seen(part: Any) -> Any:
+        return dataclasses.replace(part, x=part.x - x, y=part.y - y)
+
+    wheels = {name: seen(wheel) for name, wheel in vehicle.wheels.items()}
+    yaw_rate = math.radians(experiment.maneuver.yaw_rate_deg)
+    v_x, v_y = experiment.maneuver.speed * np.array(
+        [
+            math.cos(math.radians(experiment.maneuver.direction_deg)),
+            math.sin(math.radians(experiment.maneuver.direction_deg)),
+        ]
+    )
+    v_x, v_y = v_x - yaw_rate * y, v_y + yaw_rate * x  # Eq. (23)
+    return dataclasses.replace(
+        experiment,
+        vehicle=dataclasses.replace(
+            vehicle,
+            wheels=wheels,
+            body=seen(vehicle.body),
+            load=seen(vehicle.load),
+            chassis_x=-x,
+            chassis_y=-y,
+        ),
+        imu=seen(imu),
+        maneuver=dataclasses.replace(
+            experiment.maneuver,
+            x=experiment.maneuver.x + x,
+            y=experiment.maneuver.y + y,
+            speed=math.hypot(v_x, v_y),
+            direction_deg=math.degrees(math.atan2(v_y, v_x)),
+        ),
+        brake_assist=dataclasses.replace(
+            experiment.brake_assist, wheels=wheels, imu_x=imu.x - x, imu_y=imu.y - y
+        ),
+    )

@@ -40,9 +40,9 @@ class ImuConfiguration(Configuration):
     """Number of readings per second, at most one in each physics step; 0 for one reading at every
     control stamp"""
     x: float = parameter(0.0, unit="m", minimum=-100.0, maximum=100.0)
-    """Mounting position, forward of the platform center"""
+    """Mounting position, forward of base_link"""
     y: float = parameter(0.0, unit="m", minimum=-100.0, maximum=100.0)
-    """Mounting position, left of the platform center"""
+    """Mounting position, left of base_link"""
     misalignment_deg: float = parameter(0.2, unit="deg", minimum=-180.0, maximum=180.0)
     """Error of the mounting angle about the vertical axis"""
     gyro_bias: float = parameter(0.005, unit="rad/s", minimum=-35.0, maximum=35.0)

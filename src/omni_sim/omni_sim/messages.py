@@ -100,7 +100,8 @@ def scene_markers(configuration: SimulatorConfiguration, observation: Observatio
     origin = np.array([x, y])
     marker = partial(_marker, observation.stamp_ns)
     size = (vehicle.chassis_length, vehicle.chassis_width, 0.2)
-    markers = [marker("platform", 0, Marker.CUBE, _GRAY, size, (x, y, 0.3, yaw))]
+    chassis = (*(origin + to_world @ vehicle.chassis_center), 0.3, yaw)
+    markers = [marker("platform", 0, Marker.CUBE, _GRAY, size, chassis)]
     load = (*(origin + to_world @ [vehicle.load.x, vehicle.load.y]), vehicle.load.height, 0.0)
     markers.append(marker("load", 0, Marker.SPHERE, _GREEN, (0.3, 0.3, 0.3), load))
     for index, mount in enumerate(vehicle.wheels.values()):

@@ -127,13 +127,13 @@ class SimulatorNode(Node):
     def publish_descriptions(self) -> None:
         """Publish the vehicle description and the geometry of the line cameras, once."""
         vehicle = self.configuration.vehicle
-        size = (vehicle.chassis_length, vehicle.chassis_width)
+        chassis = (*vehicle.chassis_center, vehicle.chassis_length, vehicle.chassis_width)
         mounts: dict[str, Mount] = {**self.configuration.sensors, **self.configuration.flow_sensors}
         imu = self.configuration.imu
         if imu.enabled:
             mounts[IMU_FRAME] = Mount(x=imu.x, y=imu.y, heading_deg=0.0)
         self._advertised[topics.ROBOT_DESCRIPTION].publish(
-            String(data=urdf("vehicle", vehicle.wheels, mounts, size))
+            String(data=urdf("vehicle", vehicle.wheels, mounts, chassis))
         )
         for name, sensor in self.configuration.sensors.items():
             info = line_images.camera_info(name, sensor.pixels, sensor.length, sensor.width)

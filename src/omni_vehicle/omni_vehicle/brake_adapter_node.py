@@ -29,6 +29,7 @@ from omni_ros.qos import RECENT, advertise, subscribe
 from omni_ros.status import ERROR, OK, Status, StatusReporter, steady_clock
 from omni_vehicle import brake_adapter
 from omni_vehicle.brake_adapter import BrakeAdapter, BrakeAdapterConfiguration, WheelDemand
+from omni_vehicle.controller_switch import ControllerSwitch, SwitchConfiguration
 
 _ARRAY, _BOOL = "std_msgs/msg/Float64MultiArray", "std_msgs/msg/Bool"
 _PEDALS = {
@@ -74,6 +75,8 @@ class BrakeAdapterNode(Node):
             raise ConfigurationError("joints", f"must be as many as the {len(wheels)} wheels")
         self._joints = given.joints or wheels
         self._adapter = BrakeAdapter(self._configuration)
+        switched = declare_configuration(self, SwitchConfiguration)
+        self._switch = ControllerSwitch(switched, self) if switched.drive_controller else None
         self._enable, self._speed, self._drive = (np.full(len(wheels), math.nan) for _ in "123")
         self._pedal = self._estop = math.nan
         self._unnamed = set(self._joints)  # joints that no message on joint_states has named yet
@@ -208,6 +211,9 @@ class BrakeAdapterNode(Node):
     def _step(self) -> None:
         now = time.monotonic()
         demand, problem = self._demand()
+        if self._switch is not None:
+            refused = self._switch.follow(demand.pedal > 0.0, now)
+            problem = "; ".join(filter(None, [problem, refused]))
         stamp_ns = self.get_clock().now().nanoseconds
         if self._topics.pedal != "joint_state":
             position = np.array([demand.pedal])

@@ -135,6 +135,15 @@ class FlowChipConfiguration(Configuration):
     """Standard deviation of the velocity due to errors of height and scale, divided by the speed"""
     linear_scalar: float = parameter(1.0, minimum=0.872, maximum=1.127)
     """Scale factor of an OTOS's distances"""
+    angular_scalar: float = parameter(1.0, minimum=0.872, maximum=1.127)
+    """Scale factor of an OTOS's angles"""
+    offset_x: float = parameter(0.0, unit="m", minimum=-10.0, maximum=10.0)
+    """Offset x that an OTOS subtracts by itself; 0 if the mounting is given to the odometry or to
+    twist_adapter"""
+    offset_y: float = parameter(0.0, unit="m", minimum=-10.0, maximum=10.0)
+    """Offset y that an OTOS subtracts by itself"""
+    offset_heading_deg: float = parameter(0.0, unit="deg", minimum=-180.0, maximum=180.0)
+    """Heading that an OTOS subtracts by itself"""
 
     def check_consistency(self) -> None:
         """Check that the configuration contains the calibration that the chip requires."""
@@ -319,6 +328,11 @@ class OtosChip:
         self._chip.setLinearUnit(self._chip.kLinearUnitMeters)
         self._chip.setAngularUnit(self._chip.kAngularUnitRadians)
         self._chip.setLinearScalar(configuration.linear_scalar)
+        self._chip.setAngularScalar(configuration.angular_scalar)
+        # The board keeps the offset of another program until its power is switched off.
+        heading = math.radians(configuration.offset_heading_deg)
+        offset = library.Pose2D(configuration.offset_x, configuration.offset_y, heading)
+        self._chip.setOffset(offset)
         self._chip.resetTracking()
 
     def read(self, time: float) -> FlowSample:

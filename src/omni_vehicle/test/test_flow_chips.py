@@ -92,6 +92,7 @@ class I2cOtos:
         self.plugged, self.status = True, 0
         self.heading, self.velocity = 0.0, (0.0, 0.0, 0.0)
         self.written: dict[int, int] = {}
+        self.blocks: dict[int, list[int]] = {}
 
     def isDeviceConnected(self, address: int) -> bool:  # noqa: N802 (the library's name)
         return self.plugged and address == 0x17
@@ -108,6 +109,8 @@ class I2cOtos:
 
     def read_block(self, _address: int, register: int, length: int) -> list[int]:
         self._answer()
+        if register in self.blocks:
+            return self.blocks[register][:length]
         assert register == 0x20
         cos, sin = math.cos(self.heading), math.sin(self.heading)
         x, y, rate = self.velocity
@@ -117,6 +120,10 @@ class I2cOtos:
         words += [round(world[0] * scale[0]), round(world[1] * scale[0]), round(rate * scale[1])]
         words += [0] * 6 + [0] * 3 + [0] * 3
         return list(struct.pack("<18h", *words))[:length]
+
+    def write_block(self, _address: int, register: int, values: list[int]) -> None:
+        self._answer()
+        self.blocks[register] = list(values)
 
     def _answer(self) -> None:
         if not self.plugged:
@@ -379,6 +386,27 @@ def test_an_otos_reports_in_its_own_axes_whatever_its_heading(
     sample = sampled(chip)
     np.testing.assert_allclose(sample.velocity, board.velocity, atol=2e-3)
     assert np.all(sample.deviation > 0.0)
+
+
+def test_an_otos_gets_its_scalars_and_its_offset(board: I2cOtos) -> None:
+    assert not board.blocks
+    otos()
+    assert set(*board.blocks.values()) == {0}  # the offset of another program is removed
+    given = FlowChipConfiguration(
+        chip="otos",
+        i2c_bus=3,
+        linear_scalar=1.05,
+        angular_scalar=0.9622,
+        offset_x=0.1,
+        offset_y=-0.05,
+        offset_heading_deg=-90.0,
+    )
+    library = open_chip(given)._chip  # type: ignore[attr-defined]
+    assert library.getLinearScalar() == pytest.approx(1.05, abs=1e-3)
+    assert library.getAngularScalar() == pytest.approx(0.9622, abs=1e-3)
+    offset = library.getOffset()
+    assert (offset.x, offset.y) == pytest.approx((0.1, -0.05), abs=1e-3)
+    assert math.degrees(offset.h) == pytest.approx(-90.0, abs=0.1)
 
 
 def test_an_otos_that_warns_or_fails_measures_nothing(board: I2cOtos) -> None:

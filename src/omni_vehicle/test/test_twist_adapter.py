@@ -10,11 +10,14 @@ import numpy as np
 import pytest
 
 from omni_core.configuration import ConfigurationError
+from omni_core.sensors import FlowSensor, Mount, sensor_matrix
 from omni_core.signals import UNMEASURED_VARIANCE
 from omni_vehicle.twist_adapter import (
     CompletedTwist,
     CovarianceCompletion,
     CovarianceConfiguration,
+    Mounting,
+    YawRates,
 )
 
 VALUE = np.array([1.2, -0.3, 0.5])
@@ -116,3 +119,56 @@ def test_zero_is_a_measurement_at_rest_and_if_the_source_states_its_variance() -
 def test_invalid_parameters_are_refused(given: dict[str, object], words: str) -> None:
     with pytest.raises(ConfigurationError, match=words):
         completion(**given)
+
+
+@pytest.mark.parametrize("heading", [0.0, -90.0, 37.0])
+def test_a_mounted_sensor_measures_the_twist_of_base_link(heading: float) -> None:
+    mount = FlowSensor(x=0.1016, y=-0.0508, heading_deg=heading)
+    rows = np.vstack((sensor_matrix({"otos": mount}), (0.0, 0.0, 1.0)))  # and its gyro
+    twist, covariance = Mounting(mount).base_twist(rows @ VALUE, GOOD)
+    np.testing.assert_allclose(twist, VALUE, atol=1e-12)
+    # The inverse of the information matrix of least squares
+    np.testing.assert_allclose(
+        covariance, np.linalg.inv(rows.T @ np.linalg.inv(GOOD) @ rows), atol=1e-12
+    )
+
+
+@pytest.mark.parametrize(
+    ("error", "changed"),
+    [
+        ("scale_error", {}),
+        ("heading_error_deg", {"heading_deg": 30.0 + 0.5}),
+        ("lever_error", {"x": 0.3 + 0.01}),
+    ],
+)
+def test_the_covariance_includes_the_errors_of_the_calibration(
+    error: str, changed: dict[str, float]
+) -> None:
+    given = {"x": 0.3, "y": -0.2, "heading_deg": 30.0}
+    size = {"scale_error": 0.02, "heading_error_deg": 0.5, "lever_error": 0.01}[error]
+    mounting = Mounting(Mount(**given, **{error: size}))
+    true = FlowSensor(**(given | changed))
+    velocity = sensor_matrix({"flow": true}) @ VALUE * (1.0 if changed else 1.0 + size)
+    twist, covariance = mounting.base_twist(np.append(velocity, VALUE[2]), np.zeros((3, 3)))
+    wrong = (twist - VALUE)[:2]
+    assert wrong @ np.linalg.pinv(covariance[:2, :2], 1e-6) @ wrong == pytest.approx(1.0, rel=0.05)
+
+
+def test_a_component_that_is_not_measured_stays_so_in_any_axes() -> None:
+    for heading in range(0, 360, 7):
+        mounting = Mounting(Mount(x=0.0, y=0.0, heading_deg=float(heading)))
+        _, covariance = mounting.base_twist(np.zeros(3), UNMEASURED_VARIANCE * np.eye(3))
+        assert np.all(np.diag(covariance) >= UNMEASURED_VARIANCE)
+
+
+def test_a_yaw_rate_is_that_of_the_time_of_the_twist() -> None:
+    rates = YawRates(timeout=0.05)
+    assert math.isnan(rates.at(0))
+    for k in range(300):
+        rates.add(10_000_000 * k, 0.01 * k)
+    assert rates.at(2_985_000_000) == pytest.approx(2.985)
+    assert rates.at(3_030_000_000) == pytest.approx(2.99)  # of the newest reading
+    assert math.isnan(rates.at(3_050_000_000))
+    rates.add(5_000_000, 7.0)  # the clock went back
+    assert rates.at(5_000_000) == 7.0
+    assert math.isnan(rates.at(2_985_000_000))

@@ -20,8 +20,8 @@ modeled as a random walk. The measurements are
     rolling wheel  roll omega = (1 + s) (n_w . u + (lever + n_wx p_y - n_wy p_x) Omega)
 
 For a wheel with the active direction ``n_w``, ``omega`` is the wheel speed, ``roll`` the ratio of
-the rim's speed along ``n_w`` to the wheel speed, and ``lever`` the lever arm of ``n_w`` about
-base_link.
+the rim's speed along ``n_w`` to the wheel speed, and ``lever`` the lever arm of ``n_w`` about the
+center of the wheels, to which the twist and the position ``p`` of the IMU also refer.
 
 To make their likelihoods comparable, all hypotheses explain the same readings. A reading of a
 faulty source is modeled as a random walk from the last reading, whose steps are as large as the

@@ -253,7 +253,7 @@ def _keep_precise(
     Until the next twist, the IMU predicts the twist, so that the estimate does not alternate
     between twist and filter. A twist is used only if its innovations are no larger than expected:
     the mean of their normalized squares must be at most 1. The estimated offset of the yaw rate
-    counts as part of the twist's error. Both variances describe the motion of base_link.
+    counts as part of the twist's error. Both variances describe the motion of the wheels' center.
     """
     agrees = filters.GATE * (memory.ratio[0] + memory.ratio[1] + memory.ratio[RATE]) <= answer.size
     if best not in bank.TWIST_FAULTS and best != bank.NO_ESTIMATE and agrees:
@@ -271,7 +271,7 @@ def _keep_precise(
 
 @lean
 def _answer(constants: BankConstants, memory: BankMemory, best: int, answer: FloatArray) -> int:
-    """Predict the best estimate to the present time, and write the twist of base_link to `answer`.
+    """Predict the best estimate to the present time, and write the twist to `answer`.
 
     Returns:
         `best`, or NO_ESTIMATE if the estimate is too uncertain.

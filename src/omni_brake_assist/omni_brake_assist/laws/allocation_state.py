@@ -20,7 +20,7 @@ CASCADE = 2.0
 WHEEL = np.dtype(
     [
         # Sign of the hub's velocity along the active direction [1]; if the locked wheel holds its
-        # hub, the sign of the velocity of base_link along this direction.
+        # hub, the sign of the velocity of the wheels' center along this direction.
         ("sign", "f8"),
         ("hub", "f8"),  # speed of the hub along the active direction [m/s]
         ("speed", "f8"),  # speed of the rim in the sense of rolling, at least 0 [m/s]
@@ -57,8 +57,8 @@ class Constants(NamedTuple):
     """Constants of the law `allocation`: parameters of the law, the vehicle and the brakes.
 
     Attributes:
-        active: active direction ``n_wi`` [1] of each wheel, and its lever about base_link,
-            ``cross(r_i, n_wi)`` with the wheel's position ``r_i`` [m], shape (N, 3).
+        active: active direction ``n_wi`` [1] of each wheel, and its lever about the center
+            of the wheels, ``cross(r_i, n_wi)`` with the wheel's position ``r_i`` [m], shape (N, 3).
         rim: ratio of the rim's speed along the active direction to the wheel speed,
             ``R_i n_wi . u_i`` with the wheel's radius ``R_i`` and rolling direction ``u_i`` [m],
             shape (N,).

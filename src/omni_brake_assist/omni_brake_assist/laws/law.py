@@ -31,8 +31,8 @@ class Motion(NamedTuple):
     Attributes:
         first: whether this is the first step of a stop or of a new line of motion.
         dt: time since the motion of the previous step [s]; a law receives 0 only in the first step.
-        v_x: velocity of base_link along x in the body frame [m/s].
-        v_y: velocity of base_link along y in the body frame [m/s].
+        v_x: velocity of the center of the wheels along x in the body frame [m/s].
+        v_y: velocity of the center of the wheels along y in the body frame [m/s].
         yaw_rate: yaw rate [rad/s].
         across_x: x component of the unit vector across the line of motion in the present body
             frame, ``p`` of Eq. (51) of the dissertation [1]; 0 if there is no line to keep.
@@ -55,7 +55,10 @@ class Motion(NamedTuple):
 
 
 class Law(Protocol):
-    """A control law, created from a `BrakeAssistConfiguration` and a `PlatformGeometry`."""
+    """A control law, created from a `BrakeAssistConfiguration` and a `PlatformGeometry`.
+
+    The positions of the geometry are relative to the center of the wheels.
+    """
 
     def step(self, motion: Motion, error: FloatArray, enable: FloatArray) -> int | None:
         """Compute the brake enables of one step.
@@ -142,5 +145,6 @@ def own_law(configuration: BrakeAssistConfiguration, geometry: PlatformGeometry)
     if configuration.law in LAWS:
         return None
     cls = load_class("law", configuration.law, LAWS, LAW_GROUP, "step")
-    made: Law = make_part("law", configuration.law, cls, configuration, geometry)
+    centered = geometry.seen_from(geometry.center)
+    made: Law = make_part("law", configuration.law, cls, configuration, centered)
     return made

@@ -7,9 +7,10 @@ friction force of the braked wheel would reduce this motion. If the sum of the c
 negative, the wheel is braked. The functions use kinematics only and require no mass, load or
 friction coefficient.
 
-Symbols, all in the body frame: ``v_c`` velocity of the platform center, ``Omega`` yaw rate, ``r_i``
-wheel positions, ``n_wi`` active directions, ``v_i`` velocities of the wheel centers, ``f_hat_i``
-unit friction forces, ``p`` unit vector across the velocity at the start of braking.
+Symbols, all in the body frame: ``v_c`` velocity of the center of the wheels, ``Omega`` yaw rate,
+``r_i`` wheel positions relative to this center, ``n_wi`` active directions, ``v_i`` velocities of
+the wheel centers, ``f_hat_i`` unit friction forces, ``p`` unit vector across the velocity at the
+start of braking.
 
 Three definitions differ from their printed form. Eq. (51) contains the velocity ``v_i`` of the
 wheel, although Eq. (49), from which it follows, contains the velocity ``v_c`` of the platform. With
@@ -69,8 +70,8 @@ def wheel_error(
     Args:
         manifold: constants of the error functions.
         i: index of the wheel.
-        v_x: velocity of the platform center, x [m/s].
-        v_y: velocity of the platform center, y [m/s].
+        v_x: velocity of the center of the wheels, x [m/s].
+        v_y: velocity of the center of the wheels, y [m/s].
         omega: yaw rate [rad/s].
         p_x: x component of the unit vector ``p`` across the line of motion, in the present body
             frame [1]; zero without a line of motion.

@@ -42,7 +42,7 @@ class BrakeConstants(NamedTuple):
     Attributes:
         n_x: active directions, x component [1], shape (N,).
         n_y: active directions, y component [1], shape (N,).
-        lever: levers of the active directions about base_link [m], shape (N,).
+        lever: levers of the active directions about the center of the wheels [m], shape (N,).
         roll: speed of the rim along the active direction per wheel speed [m], shape (N,).
         time: duration of free rolling after which a brake counts as failed [s].
     """

@@ -10,7 +10,7 @@ position, to the braked distance ``B``, and requires
 with the speed ``v_0`` at the start of the stop and the constants of `EffectConstants`. The speed
 ``v`` is the larger of two: the speed of the fastest rim, because some wheel rolls in an assisted
 stop, and the speed before the stop minus the integral of the specific force and minus the decrease
-of the speed of the wheels about the platform center, which the gyro measures. A scale error that
+of the speed of the wheels about their center, which the gyro measures. A scale error that
 all encoders and the twist share therefore does not shorten the computed distance. Without an IMU
 such an error cannot be observed, and ``v`` decreases by at most `loss` per second. While all brakes
 act, nothing is added to ``M``. The deceleration ``a`` is measured in two ways: as the low-passed

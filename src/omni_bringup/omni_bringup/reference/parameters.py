@@ -34,9 +34,10 @@ def reference() -> str:
     from omni_vehicle.brake_adapter import BrakeAdapterConfiguration
     from omni_vehicle.brake_adapter_node import TopicsConfiguration
     from omni_vehicle.camera.configuration import CameraConfiguration
+    from omni_vehicle.controller_switch import SwitchConfiguration
     from omni_vehicle.flow_chips import FlowChipConfiguration
     from omni_vehicle.flow_sensor_node import FlowNodeConfiguration
-    from omni_vehicle.twist_adapter_node import TwistAdapterConfiguration
+    from omni_vehicle.twist_adapter import TwistAdapterConfiguration
 
     sections: dict[str, type[configuration.Configuration]] = {
         "Node `simulator` (package `omni_sim`)\n": SimulatorConfiguration,
@@ -47,6 +48,7 @@ def reference() -> str:
         "`simulator` and:\n": ExperimentConfiguration,
         "Node `brake_adapter` (package `omni_vehicle`)\n": BrakeAdapterConfiguration,
         "Topics of `brake_adapter`\n": TopicsConfiguration,
+        "Controllers of `brake_adapter`\n": SwitchConfiguration,
         "Node `flow_sensor` (package `omni_vehicle`)\n": FlowChipConfiguration,
         "Readings of `flow_sensor`\n": FlowNodeConfiguration,
         "Node `twist_adapter` (package `omni_vehicle`)\n": TwistAdapterConfiguration,

@@ -15,6 +15,7 @@ from omni_sim.ground.friction import FrictionPatch
 
 if TYPE_CHECKING:
     from omni_runs.experiment import ExperimentConfiguration
+    from omni_sim.vehicle.configuration import VehicleConfiguration
 
 # Drawn width of a wheel per diameter [1], because the configuration has no wheel width.
 _WHEEL_WIDTH = 0.45
@@ -56,6 +57,7 @@ class Scene:
             if unknown.
         load: position of the load in the body frame [m]; None if there is no load.
         patches: patches of ground with a different friction.
+        chassis_center: center of the chassis in the body frame [m].
     """
 
     chassis_length: float
@@ -64,25 +66,42 @@ class Scene:
     center_of_gravity: tuple[float, float] | None = None
     load: tuple[float, float] | None = None
     patches: tuple[GroundPatch, ...] = ()
+    chassis_center: tuple[float, float] = (0.0, 0.0)
 
     @classmethod
     def of(cls, configuration: ExperimentConfiguration) -> Scene:
         """Return the vehicle and ground of an experiment."""
         vehicle = configuration.vehicle
         center = vehicle.masses.center
-        return cls(
-            chassis_length=vehicle.chassis_length,
-            chassis_width=vehicle.chassis_width,
-            wheels=vehicle.wheels,
+        return dataclasses.replace(
+            cls.of_vehicle(vehicle),
             center_of_gravity=(float(center[0]), float(center[1])),
             load=(vehicle.load.x, vehicle.load.y) if vehicle.load.mass > 0.0 else None,
             patches=tuple(map(GroundPatch.of, configuration.ground.patches.values())),
         )
 
+    @classmethod
+    def of_vehicle(cls, vehicle: VehicleConfiguration) -> Scene:
+        """Return the chassis and the wheels of a vehicle."""
+        return cls(
+            vehicle.chassis_length,
+            vehicle.chassis_width,
+            vehicle.wheels,
+            chassis_center=vehicle.chassis_center,
+        )
+
     @property
     def chassis(self) -> FloatArray:
         """Corners of the chassis in the body frame [m], shape (4, 2)."""
-        return rectangle(self.chassis_length, self.chassis_width)
+        return rectangle(self.chassis_length, self.chassis_width) + self.chassis_center
+
+    def on_chassis(self, *points: tuple[float, float]) -> FloatArray:
+        """Return points in the body frame [m], shape (M, 2).
+
+        Args:
+            *points: positions relative to the center of the chassis, divided by its length [1].
+        """
+        return self.chassis_length * np.array(points) + self.chassis_center
 
     @property
     def wheel_outlines(self) -> tuple[FloatArray, ...]:

@@ -93,7 +93,7 @@ def draw_snapshot(
     axes.add_patch(
         Polygon(chassis, facecolor=_CHASSIS, edgecolor=style.BLACK, alpha=faint, zorder=layer)
     )
-    nose = scene.chassis_length * np.array([(0.48, 0.0), (0.38, 0.06), (0.38, -0.06)])
+    nose = scene.on_chassis((0.48, 0.0), (0.38, 0.06), (0.38, -0.06))
     axes.add_patch(Polygon(placed(nose, pose), color=style.BLACK, alpha=faint, zorder=layer + 0.1))
     _draw_wheels(axes, scene, history, index, layer + 0.2, faint)
     if scene.load_arm is not None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -11,13 +12,20 @@ from linescan_odometry.odometry import OdometryConfiguration
 from omni_brake_assist.configuration import BrakeAssistConfiguration
 from omni_core import topics
 from omni_core.brakes import BRAKES
-from omni_core.configuration import Configuration, ConfigurationError, check_choice, from_mapping
+from omni_core.configuration import (
+    Configuration,
+    ConfigurationError,
+    check_choice,
+    from_mapping,
+    parameter,
+)
 from omni_core.description import IMU_FRAME, urdf
-from omni_core.sensors import Mount
+from omni_core.sensors import FlowSensor, Mount
 from omni_runs.experiment import ExperimentConfiguration, ExperimentLibrary, recorded_experiment
 from omni_runs.graph.nodes import parameters_text, values_of
 from omni_runs.yaml_files import read_mapping
 from omni_vehicle.brake_adapter import BrakeAdapterConfiguration
+from omni_vehicle.twist_adapter import TwistAdapterConfiguration
 
 DESCRIPTION = "robot.urdf"
 FRAMES = "robot_state_publisher"
@@ -25,7 +33,26 @@ RECORDER = "recorder"
 WARNING = "feedback_warning"  # parameter of the assistant
 LOG_ONLY = "log_only"  # parameter file that is read after that of the assistant
 ODOMETRY, BRAKE_ASSIST = "linescan_odometry", "brake_assist"
+TWIST_ADAPTER, BRAKE_ADAPTER, _VEHICLE = "twist_adapter", "brake_adapter", "omni_vehicle"
+_EACH = "<sensor>"  # stands for the name of each sensor in a topic
 _REFUSED = 2  # exit code for an invalid configuration, which a restart cannot correct
+
+# Topics that can be renamed, keyed by the name of the launch argument.
+_TOPICS = {
+    "pedal": topics.PEDAL.name,
+    "wheel_states": topics.WHEEL_STATES.name,
+    "imu": topics.IMU.name,
+    "enable": topics.ENABLE.name,
+    "error": topics.SLIDING.name,
+    "test_ratios": topics.TEST_RATIOS.name,
+    "odom": topics.ODOM.name,
+    "sideslip": topics.SIDESLIP.name,
+    "lines": topics.lines(_EACH).name,
+    "camera_info": topics.camera_info(_EACH).name,
+    "flow": topics.flow(_EACH).name,
+    "joint_states": topics.JOINT_STATES.name,
+    **{name: name for name in ("cmd_vel", "pedal_input", "estop", "drive_commands", "commands")},
+}
 
 # Launch arguments: default (None if the argument is required) and description.
 ARGUMENTS = {
@@ -34,7 +61,12 @@ ARGUMENTS = {
     "frame_prefix": ("", "Prefix of every frame, such as robot1/"),
     "twist": (
         topics.TWIST.name,
-        "Topic of the body twist; with another topic no odometry is started",
+        "Topic of the body twist; with another topic neither odometry nor twist_adapter is started",
+    ),
+    **{name: (topic, f"Topic instead of {topic}") for name, topic in _TOPICS.items()},
+    "brake_adapter": (
+        "",
+        "File with the message types of the brake adapter, which starts it; empty: not started",
     ),
     "log_only": ("true", "true: report decisions, but release no brake; false: assist"),
     "robot_state_publisher": ("false", "true: publish the wheels' frames, from wheel_states"),
@@ -42,7 +74,7 @@ ARGUMENTS = {
 }
 
 _HARDWARE = "hardware"  # folder of the descriptions of real vehicles in the configuration
-_PARTS = ("wheels", "sensors", "flow_sensors", "odometry", "brake_assist")
+_PARTS = ("wheels", "sensors", "flow_sensors", "odometry", TWIST_ADAPTER, BRAKE_ASSIST)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -53,10 +85,13 @@ class Hardware:
         brake_assist: configuration of the assistant.
         odometry: configuration of the odometry with line cameras and flow sensors; None if the
             twist comes from another source.
+        twist_adapter: configuration of the node that computes the twist from a single flow sensor
+            and a gyro; None with any other sensors.
     """
 
     brake_assist: BrakeAssistConfiguration
     odometry: OdometryConfiguration | None
+    twist_adapter: TwistAdapterConfiguration | None = None
 
     @classmethod
     def of(cls, experiment: ExperimentConfiguration) -> Hardware:
@@ -110,23 +145,57 @@ def hardware_nodes(given: Mapping[str, str]) -> list[HardwareNode]:
     prefix = ("-p", f"frame_prefix:={given['frame_prefix']}") if given["frame_prefix"] else ()
     own = given["twist"] == topics.TWIST.name
     nodes = []
-    if own and (folder / f"{ODOMETRY}.yaml").exists():
-        file = folder / f"{ODOMETRY}.yaml"
-        nodes.append(HardwareNode(ODOMETRY, "odometry", ODOMETRY, (file,), ros_arguments=prefix))
+    sources = ((ODOMETRY, ODOMETRY, "odometry"), (_VEHICLE, TWIST_ADAPTER, TWIST_ADAPTER))
+    for package, name, executable in sources:
+        file = folder / f"{name}.yaml"
+        if own and file.exists():
+            renamed = _remappings(given, file)
+            nodes.append(HardwareNode(package, executable, name, (file,), renamed, prefix))
     assistant = [BRAKE_ASSIST, *([LOG_ONLY] if given["log_only"] == "true" else [])]
     files = tuple(folder / f"{name}.yaml" for name in assistant)
-    remappings = () if own else ((topics.TWIST.name, given["twist"]),)
+    renamed = (*_remappings(given), *(() if own else ((topics.TWIST.name, given["twist"]),)))
     nodes.append(
-        HardwareNode("omni_brake_assist", BRAKE_ASSIST, BRAKE_ASSIST, files, remappings, prefix)
+        HardwareNode("omni_brake_assist", BRAKE_ASSIST, BRAKE_ASSIST, files, renamed, prefix)
     )
+    if given["brake_adapter"]:
+        files = (folder / f"{BRAKE_ADAPTER}.yaml", Path(given["brake_adapter"]).resolve())
+        renamed = _remappings(given)
+        nodes.append(HardwareNode(_VEHICLE, BRAKE_ADAPTER, BRAKE_ADAPTER, files, renamed))
     if given["robot_state_publisher"] == "true":
         files = (folder / f"{FRAMES}.yaml",)
-        joints = ((topics.JOINT_STATES.name, topics.WHEEL_STATES.name),)
+        joints = ((topics.JOINT_STATES.name, given["wheel_states"]),)
         nodes.append(HardwareNode(FRAMES, FRAMES, FRAMES, files, joints, prefix))
     for path in (path for node in nodes for path in node.files):
         if not path.is_file():
             raise ConfigurationError("parameters", f"{path} is missing; repeat ./omni ros-params")
     return nodes
+
+
+def _remappings(
+    given: Mapping[str, str], parameters: Path | None = None
+) -> tuple[tuple[str, str], ...]:
+    """Return pairs of a topic and its new name, for all renamed topics of a node.
+
+    Args:
+        given: values of the launch arguments, keyed by name.
+        parameters: parameter file of a node with sensors; None for a node without sensors.
+    """
+    sensors: set[str] = set()
+    if parameters is not None:
+        values = read_mapping(parameters, "parameters")["/**"]["ros__parameters"]
+        keys = (key.split(".") for key in values if re.match(r"(flow_)?sensors\.", key))
+        sensors = {key[1] for key in keys} | {values.get("sensor", "")} - {""}
+    renamed = [(topic, given[name]) for name, topic in _TOPICS.items() if given[name] != topic]
+    plain = [pair for pair in renamed if _EACH not in pair[0]]
+    return (
+        *plain,
+        *(
+            (topic.replace(_EACH, sensor), new.replace(_EACH, sensor))
+            for topic, new in renamed
+            if _EACH in topic
+            for sensor in sorted(sensors)
+        ),
+    )
 
 
 def starts_again(exit_code: int, given: Mapping[str, str]) -> bool:
@@ -173,15 +242,56 @@ def read_hardware(name: str, library: ExperimentLibrary) -> Hardware:
     if not tree.get("wheels"):
         raise ConfigurationError("wheels", "is required: the wheels of the vehicle by name")
     brake_assist = _part(tree, BRAKE_ASSIST, BrakeAssistConfiguration, wheels=tree["wheels"])
-    odometry = None
+    return _with_sources(tree, brake_assist)
+
+
+def _with_sources(tree: Mapping[str, Any], assistant: BrakeAssistConfiguration) -> Hardware:
+    """Return the nodes of a vehicle's file for its assistant and the sensors of the twist."""
     sensors = {kind: tree.get(kind) or {} for kind in ("sensors", "flow_sensors")}
+    is_single = not sensors["sensors"] and len(sensors["flow_sensors"]) == 1
+    if TWIST_ADAPTER in tree and not is_single:
+        problem = "is for exactly one of flow_sensors and no line camera"
+        raise ConfigurationError(TWIST_ADAPTER, problem)
+    if is_single:
+        adapter = _single_flow_sensor(tree, assistant)
+        is_shared = assistant.shared_gyro or adapter.gyro == "imu"
+        shared = dataclasses.replace(assistant, shared_gyro=is_shared)
+        return Hardware(shared, None, adapter)
     if any(sensors.values()):
-        odometry = _part(tree, "odometry", OdometryConfiguration, **sensors)
-    elif "odometry" in tree:
+        return Hardware(assistant, _part(tree, "odometry", OdometryConfiguration, **sensors))
+    if "odometry" in tree:
         raise ConfigurationError(
             "odometry", "needs the line cameras under sensors, or flow sensors under flow_sensors"
         )
-    return Hardware(brake_assist, odometry)
+    return Hardware(assistant, None)
+
+
+class _OneFlowSensor(Configuration):
+    flow_sensors: Mapping[str, FlowSensor] = parameter()
+    """The only sensor of the velocity"""
+
+
+def _single_flow_sensor(
+    tree: Mapping[str, Any], assistant: BrakeAssistConfiguration
+) -> TwistAdapterConfiguration:
+    """Return the configuration of `twist_adapter` for the only sensor in a vehicle's file."""
+    if "odometry" in tree:
+        problem = "is not used with one flow sensor, whose twist the node twist_adapter computes"
+        raise ConfigurationError("odometry", problem)
+    ((name, sensor),) = from_mapping(
+        _OneFlowSensor, {"flow_sensors": tree["flow_sensors"]}
+    ).flow_sensors.items()
+    shared = {field.name: getattr(sensor, field.name) for field in dataclasses.fields(Mount)}
+    shared |= {
+        "sensor": name,
+        "maximum_speed": sensor.maximum_speed,
+        "deviation": (sensor.deviation, sensor.deviation, TwistAdapterConfiguration.gyro_deviation),
+        "imu_rotation_deg": assistant.imu_rotation_deg,
+    }
+    adapter: TwistAdapterConfiguration = _part(
+        tree, TWIST_ADAPTER, TwistAdapterConfiguration, **shared
+    )
+    return adapter
 
 
 def _part(tree: Mapping[str, Any], key: str, cls: Any, **shared: Any) -> Any:
@@ -248,6 +358,9 @@ def write_parameters(
     if hardware.odometry is not None:
         documents[f"{ODOMETRY}.yaml"] = parameter_file(hardware.odometry)
         sensors |= hardware.odometry.all_sensors
+    if hardware.twist_adapter is not None:
+        documents[f"{TWIST_ADAPTER}.yaml"] = parameter_file(hardware.twist_adapter)
+        sensors[hardware.twist_adapter.sensor] = hardware.twist_adapter
     description = urdf("vehicle", assistant.wheels, sensors)
     documents[DESCRIPTION] = description
     documents[f"{FRAMES}.yaml"] = parameters_text({"robot_description": description})
@@ -258,7 +371,7 @@ def write_parameters(
     }
     documents[f"{RECORDER}.yaml"] = parameters_text(recorded)
     if brakes:
-        documents["brake_adapter.yaml"] = parameter_file(brake_adapter(assistant, brakes))
+        documents[f"{BRAKE_ADAPTER}.yaml"] = parameter_file(brake_adapter(assistant, brakes))
     folder.mkdir(parents=True, exist_ok=True)
     for name, text in documents.items():
         (folder / name).write_text(text, encoding="utf-8")

@@ -104,6 +104,7 @@ class Nodes:
         """
         configuration = self.configuration
         parameters = values_of(configuration.brake_assist) | self._timing() | _listeners(listeners)
+        parameters.pop("imu_rotation_deg", None)  # the simulated IMU has the axes of base_link
         parameters |= {
             "await_imu": configuration.imu.enabled,
             "twist_period": configuration.twist_period,
@@ -145,6 +146,8 @@ class Nodes:
             **{key: flat[key] for key in flat if key.startswith(("wheels.", "patches."))},
             "chassis_length": vehicle.chassis_length,
             "chassis_width": vehicle.chassis_width,
+            "chassis_x": vehicle.chassis_x,
+            "chassis_y": vehicle.chassis_y,
             "assist": assistant.enabled,
             **options,
         }

@@ -14,7 +14,7 @@ from omni_core.configuration import (
     section,
 )
 from omni_core.kinematics import PlatformKinematics
-from omni_core.quantities import GRAVITY
+from omni_core.quantities import GRAVITY, LARGEST_OFFSET
 from omni_sim.tire.tire import TireConfiguration
 from omni_sim.vehicle import loads
 from omni_sim.vehicle.suspension import SuspensionConfiguration
@@ -65,6 +65,10 @@ class VehicleConfiguration(Configuration):
     chassis_width: float = parameter(1.2, unit="m", minimum=1e-3, maximum=100.0)
     """Width of the chassis, for figures, stopping areas, the placement of sensors, and the roll
     inertia of a chassis on springs"""
+    chassis_x: float = parameter(0.0, unit="m", minimum=-LARGEST_OFFSET, maximum=LARGEST_OFFSET)
+    """Center of the chassis, forward of base_link"""
+    chassis_y: float = parameter(0.0, unit="m", minimum=-LARGEST_OFFSET, maximum=LARGEST_OFFSET)
+    """Center of the chassis, left of base_link"""
     body: loads.MassConfiguration = parameter()
     """Mass of the chassis including wheels and drives"""
     load: loads.MassConfiguration = section(lambda: loads.MassConfiguration(mass=0.0, height=0.0))
@@ -107,6 +111,11 @@ class VehicleConfiguration(Configuration):
     def chassis_size(self) -> quantities.FloatArray:
         """Length and width of the chassis [m], shape (2,)."""
         return np.array([self.chassis_length, self.chassis_width])
+
+    @property
+    def chassis_center(self) -> tuple[float, float]:
+        """Center of the chassis in the body frame [m]."""
+        return self.chassis_x, self.chassis_y
 
     @property
     def masses(self) -> loads.MassProperties:

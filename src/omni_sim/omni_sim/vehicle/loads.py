@@ -38,9 +38,9 @@ class MassConfiguration(Configuration):
     mass: float = parameter(unit="kg", minimum=0.0, maximum=1.0e5)
     """Mass"""
     x: float = parameter(0.0, unit="m", minimum=-LARGEST_OFFSET, maximum=LARGEST_OFFSET)
-    """Position of the center of gravity, forward of the platform center"""
+    """Position of the center of gravity, forward of base_link"""
     y: float = parameter(0.0, unit="m", minimum=-LARGEST_OFFSET, maximum=LARGEST_OFFSET)
-    """Position of the center of gravity, left of the platform center"""
+    """Position of the center of gravity, left of base_link"""
     height: float = parameter(unit="m", minimum=0.0, maximum=20.0)
     """Height of the center of gravity above the ground"""
     yaw_inertia: float = parameter(0.0, unit="kg m^2", minimum=0.0, maximum=1.0e9)

@@ -21,7 +21,7 @@ from omni_sim.vehicle.rollers import roller_remarks
 # torque to the torque at the friction limit. yaw_inertia: yaw inertia to that of a plate as large
 # as the chassis. wheel_inertia: inertia of a wheel to its carried mass times its squared radius.
 # height: height of the center of gravity to the longer side of the chassis. outside: distance of a
-# wheel from the center to half of the chassis, along either side.
+# wheel from the chassis' center to half of the chassis, along either side.
 _PLAUSIBLE = {
     "load": (0.05, 1.1),
     "brake": (1.0, 6.0),
@@ -113,10 +113,11 @@ def _size_remarks(vehicle: VehicleConfiguration) -> Iterator[str]:
             f"ground, but {chassis} is smaller; check height and size (m)"
         )
     for name, mount in vehicle.wheels.items():
-        if np.any(2.0 * np.abs((mount.x, mount.y)) > _PLAUSIBLE["outside"][1] * sides):
+        from_center = np.subtract((mount.x, mount.y), vehicle.chassis_center)
+        if np.any(2.0 * np.abs(from_center) > _PLAUSIBLE["outside"][1] * sides):
             yield (
                 f"vehicle.wheels.{name}: its position ({mount.x:g}, {mount.y:g}) m is far outside "
-                f"{chassis}; check position and size (m)"
+                f"{chassis}; check position, size and chassis_x, chassis_y (m)"
             )
             return
 

@@ -41,7 +41,8 @@ class Rollers(NamedTuple):
             neither shape, empty if no roller is oblique.
         smallest_singular_value: smallest singular value of ``M``, Eq. (33), with lengths divided by
             the platform's radius [1].
-        yaw_lever: smallest distance of a roller axis on the ground from the platform center [m].
+        yaw_lever: smallest distance of a roller axis on the ground from the center of the wheels
+            [m].
     """
 
     shape: str
@@ -54,7 +55,8 @@ class Rollers(NamedTuple):
         platform = kinematics.PlatformKinematics.of(wheels)
         matrix, geometry = platform.matrix, platform.geometry
         smallest = kinematics.smallest_singular_value(matrix, geometry)
-        return cls(_shape(geometry), smallest, float(np.min(np.abs(matrix[:, 2]))))
+        lever = geometry.seen_from(geometry.center).lever
+        return cls(_shape(geometry), smallest, float(np.min(np.abs(lever))))
 
 
 def roller_remarks(wheels: Mapping[str, WheelMount]) -> tuple[str, ...]:
@@ -107,7 +109,7 @@ def _remarks(named: tuple[tuple[str, WheelMount], ...]) -> tuple[str, ...]:
 
 def _shape(geometry: PlatformGeometry) -> str:
     """Return `Rollers.shape`, the shape that the rollers on top of the wheels form."""
-    quadrant = np.sign(geometry.position[:, 0] * geometry.position[:, 1])
+    quadrant = np.sign(np.prod(geometry.position - geometry.center, axis=1))
     slope = geometry.active[:, 0] * geometry.active[:, 1]
     signs = (np.sign(slope) * quadrant)[(quadrant != 0.0) & (np.abs(slope) > 0.05)]
     if not signs.size:
@@ -173,7 +175,7 @@ def _mirrors_fit(wheels: Mapping[str, WheelMount]) -> bool:
     geometry = PlatformGeometry.from_wheels(wheels)
     reversed_angles = {name: _flipped(mount) for name, mount in wheels.items()}
     opposite = PlatformGeometry.from_wheels(reversed_angles).active
-    position, rows = geometry.position - np.mean(geometry.position, axis=0), np.arange(len(wheels))
+    position, rows = geometry.position - geometry.center, np.arange(len(wheels))
     for mirror in _MIRRORS:
         distance = np.linalg.norm((position * mirror)[:, np.newaxis] - position, axis=2)
         partner = np.argmin(distance, axis=1)

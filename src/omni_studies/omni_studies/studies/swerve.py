@@ -162,7 +162,7 @@ def _draw_forces(cases: Mapping[str, LockedWheels], arrow: float = 0.55) -> Figu
 def _draw_vehicle(axes: Axes, one: LockedWheels, scale: float) -> None:
     """Draw one case; `scale` is the ratio of arrow length to force [m/N]."""
     vehicle = one.vehicle
-    scene = Scene(vehicle.chassis_length, vehicle.chassis_width, vehicle.wheels)
+    scene = Scene.of_vehicle(vehicle)
     axes.add_patch(Polygon(ahead_up(scene.chassis), facecolor="#F2EBDD", edgecolor=style.GRAY))
     for outline in scene.wheel_outlines:
         axes.add_patch(Polygon(ahead_up(outline), facecolor="white", edgecolor=style.BLACK))

@@ -71,6 +71,10 @@ class DriverConfiguration(Configuration):
     """Length of the platform"""
     chassis_width: float = parameter(unit="m", above=0.0, maximum=100.0)
     """Width of the platform"""
+    chassis_x: float = parameter(0.0, unit="m", minimum=-100.0, maximum=100.0)
+    """Center of the platform, forward of base_link"""
+    chassis_y: float = parameter(0.0, unit="m", minimum=-100.0, maximum=100.0)
+    """Center of the platform, left of base_link"""
     patches: Mapping[str, FrictionPatch] = section(dict)
     """Patches of the ground that the page draws, keyed by name"""
     choices: Mapping[str, Choice] = section(dict)
@@ -257,7 +261,8 @@ def _drawing(configuration: DriverConfiguration) -> dict[str, Any]:
         kind: [part | {"name": name.replace("_", " ")} for name, part in tree[kind].items()]
         for kind in ("patches", "wheels")
     }
-    return {"length": tree["chassis_length"], "width": tree["chassis_width"], **named}
+    size = {name: tree[f"chassis_{name}"] for name in ("length", "width", "x", "y")}
+    return {**size, **named}
 
 
 def _take_in(node: DriverNode, spinner: process.Spinner) -> None:

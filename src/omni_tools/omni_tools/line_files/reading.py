@@ -90,6 +90,39 @@ def read_lines(path: Path, cut: Cut, raw: RawFormat = RawFormat()) -> signals.Li
     return np.ascontiguousarray(np.concatenate(parts))
 
 
+def constant_rate(path: Path, counts: set[int]) -> tuple[float, int]:
+    """Return line rate [1/s] and stamp of the first line [ns] from the times of all lines.
+
+    Args:
+        path: CSV or NPY file with the time of each line [s].
+        counts: numbers of lines of the cameras.
+
+    Raises:
+        LineFileError: the file cannot be read, has another number of times, or the times are not
+            those of lines at a constant rate, within half a period.
+    """
+    try:
+        read = np.load(path, allow_pickle=False) if path.suffix == ".npy" else _table(path)
+        times = np.asarray(read, np.float64).ravel()
+    except (OSError, ValueError, EOFError) as error:
+        raise LineFileError(str(path), f"cannot be read: {' '.join(str(error).split())}") from None
+    if counts != {len(times)} or len(times) < 2:
+        found = " and ".join(map(str, sorted(counts)))
+        raise LineFileError(str(path), f"has {len(times)} times for {found} lines")
+    numbers = np.arange(len(times))
+    period, first = np.polyfit(numbers, times - times[0], 1)
+    late = times - times[0] - first - period * numbers
+    if not np.all(np.isfinite(times)) or period <= 0.0 or np.max(np.abs(late)) > 0.5 * period:
+        steps = 1e3 * np.diff(times)
+        raise LineFileError(
+            str(path),
+            f"the lines have no constant rate: {np.min(steps):.3g} to {np.max(steps):.3g} ms from "
+            "line to line; lines were lost, or an encoder triggers the camera: let it run freely, "
+            "or trigger it by a clock",
+        )
+    return float(1.0 / period), round(1e9 * float(times[0] + first))
+
+
 def _frames(path: Path, raw: RawFormat) -> Iterator[NDArray[Any]]:
     """Yield the pictures of a file or folder as arrays of two dimensions."""
     suffix = path.suffix.lower()

@@ -65,7 +65,7 @@ def _text(
     from omni_runs.figures.tables.comparison_table import ComparisonTable
     from omni_tools.placement.report import column, findings
 
-    sensors = result.best.sensors
+    sensors = task.in_body(result.best.sensors)
     columns = {
         "x [m]": [f"{sensor.x:.3f}" for sensor in sensors.values()],
         "y [m]": [f"{sensor.y:.3f}" for sensor in sensors.values()],

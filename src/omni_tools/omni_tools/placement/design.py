@@ -8,12 +8,13 @@ import dataclasses
 import math
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 
 from linescan_odometry.odometry import LineScanOdometry, OdometryConfiguration
 from omni_core.configuration import ConfigurationError, WorkError, check_choice
+from omni_core.geometry import WheelMount
 from omni_core.quantities import SECOND_NS, FloatArray
 from omni_core.sensors import LineSensor
 from omni_runs.experiment import ExperimentLibrary
@@ -27,6 +28,8 @@ from omni_tools.placement.mounting_area import common_placements, named
 from omni_tools.placement.options import PlacementOptions
 from omni_tools.placement.search import FoundPlacement, NoRoomError, search
 from omni_tools.placement.sensor_error import ORIENTATIONS, SensorTrial, measure_sensor_error
+
+_Mount = TypeVar("_Mount", WheelMount, LineSensor)
 
 FEWEST_SENSORS, MOST_SENSORS = 3, 8
 
@@ -114,17 +117,20 @@ def drive_mix(
 class DesignTask:
     """Requirements of a placement of cameras under a vehicle.
 
+    All positions are relative to the center of the chassis.
+
     Attributes:
         area: mounting area of the chassis.
         texture: ground on which the cameras are tested.
         noise: noise of the cameras, standard deviation [gray levels of 8 bit].
         count: number of cameras.
         mix: mix of motions over which the mean error is computed.
-        speed: speed of base_link in all motions of the mix [m/s].
+        speed: speed of the center of the chassis in all motions of the mix [m/s].
         redundant: whether to minimize the error after the failure of the most important camera.
         given: further placements to evaluate, keyed by name.
         seed: seed of the search and the trials.
         batches: number of line batches for each combination of orientation and motion.
+        center: center of the chassis in the body frame [m].
     """
 
     area: mounting_area.MountingArea
@@ -137,6 +143,14 @@ class DesignTask:
     given: Mapping[str, Mapping[str, LineSensor]]
     seed: int
     batches: int = 4
+    center: tuple[float, float] = (0.0, 0.0)
+
+    def in_body(self, sensors: Mapping[str, LineSensor]) -> dict[str, LineSensor]:
+        """Return sensors with their positions in the body frame, to 1 um."""
+        return {
+            name: dataclasses.replace(one, x=round(one.x, 6), y=round(one.y, 6))
+            for name, one in _moved(sensors, np.array(self.center)).items()
+        }
 
 
 class Design(NamedTuple):
@@ -292,10 +306,15 @@ def design_task(options: PlacementOptions, library: ExperimentLibrary) -> Design
         count = min(max(checked, FEWEST_SENSORS), MOST_SENSORS)
     if options.redundant and count == FEWEST_SENSORS:
         raise ConfigurationError("--redundant", "requires at least four sensors: --sensors 4")
-    scene = Scene(vehicle.chassis_length, vehicle.chassis_width, vehicle.wheels)
+    wheels = _moved(vehicle.wheels, -np.array(vehicle.chassis_center))
+    scene = Scene(vehicle.chassis_length, vehicle.chassis_width, wheels)
     area = mounting_area.MountingArea(scene, view, options.housing, options.clearance)
     speed = design_speed(options.speed, options.yaw_rate, area)
-    compared = {name: own for name, own in given.items() if options.check or len(own) == count}
+    compared = {
+        name: _moved(own, -np.array(vehicle.chassis_center))
+        for name, own in given.items()
+        if options.check or len(own) == count
+    }
     return DesignTask(
         area=area,
         texture=rig.ground(options.ground),
@@ -306,7 +325,17 @@ def design_task(options: PlacementOptions, library: ExperimentLibrary) -> Design
         redundant=options.redundant,
         given=_cases(compared),
         seed=options.seed,
+        center=vehicle.chassis_center,
     )
+
+
+def _moved(mounts: Mapping[str, _Mount], by: FloatArray) -> dict[str, _Mount]:
+    """Return wheels or sensors whose positions are moved by a vector [m], shape (2,)."""
+    x, y = by.tolist()
+    return {
+        name: dataclasses.replace(mount, x=mount.x + x, y=mount.y + y)
+        for name, mount in mounts.items()
+    }
 
 
 def _weights(text: str) -> Sequence[float]:

@@ -29,7 +29,7 @@ def entries(
 ) -> dict[str, dict[str, Any]]:
     """Return the metrics of all placements as entries of the results document, keyed by name."""
     found: dict[str, Metric] = {}
-    for name, sensor in result.best.sensors.items():
+    for name, sensor in task.in_body(result.best.sensors).items():
         found[f"x.{name}"] = Metric(sensor.x, "m")
         found[f"y.{name}"] = Metric(sensor.y, "m")
         found[f"heading.{name}"] = Metric(sensor.heading_deg, "deg")
@@ -147,6 +147,7 @@ def sensor_file(task: design.DesignTask, result: design.Design, vehicle: str) ->
     )
     keys = ("x", "y", "heading_deg", "pixels", "length", "width", "line_rate")
     sensors = {
-        name: {key: getattr(sensor, key) for key in keys} for name, sensor in best.sensors.items()
+        name: {key: getattr(sensor, key) for key in keys}
+        for name, sensor in task.in_body(best.sensors).items()
     }
     return commented_yaml(sensors, heading)

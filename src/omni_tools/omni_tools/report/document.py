@@ -165,6 +165,7 @@ def _scene(scene: Scene, wheel_names: Sequence[str]) -> dict[str, Any]:
     return {
         "length": scene.chassis_length,
         "width": scene.chassis_width,
+        "center": scene.chassis_center,
         "wheels": wheels,
         "load": scene.load,
         "loadArm": None if scene.load_arm is None else scene.load_arm.tolist(),

@@ -29,7 +29,7 @@ from omni_core.configuration import ConfigurationError
 from omni_core.geometry import PlatformGeometry, turned
 from omni_core.quantities import SECOND_NS, BoolArray, FloatArray
 from omni_runs import compiled, experiment
-from omni_runs.figures.scene import rectangle
+from omni_runs.figures.scene import Scene
 from omni_sim.driver.scripted import ManeuverConfiguration
 from omni_sim.vehicle.configuration import VehicleConfiguration
 from omni_tools.campaign.runner import digest
@@ -231,7 +231,7 @@ def _extreme(random: np.random.Generator, low: float, high: float) -> float:
 
 def footprint(vehicle: VehicleConfiguration) -> FloatArray:
     """Return points in `base_link` whose hull is the vehicle's footprint [m], shape (C, 2)."""
-    chassis = rectangle(vehicle.chassis_length, vehicle.chassis_width)
+    chassis = Scene.of_vehicle(vehicle).chassis
     geometry = PlatformGeometry.from_wheels(vehicle.wheels)
     along = geometry.radius[:, None] * geometry.rolling
     width = np.array([wheel.assumed_width for wheel in vehicle.wheels.values()])

@@ -10,6 +10,7 @@ from matplotlib.patches import Polygon
 
 from omni_core.quantities import FloatArray
 from omni_runs.figures import style
+from omni_runs.figures.scene import Scene
 from omni_sim.vehicle.configuration import VehicleConfiguration
 from omni_tools.stopping_area.area import SECTORS, Cell, corners, footprint
 
@@ -43,7 +44,7 @@ def areas_figure(
             axes.add_patch(Polygon(points, facecolor=face, edgecolor=style.BLUE, label=label))
         chassis = footprint(vehicle)[:4]
         axes.add_patch(Polygon(chassis, facecolor="white", edgecolor=style.BLACK, zorder=3))
-        nose = 0.5 * vehicle.chassis_length * np.array([(0.9, 0.0), (0.6, 0.2), (0.6, -0.2)])
+        nose = Scene.of_vehicle(vehicle).on_chassis((0.45, 0.0), (0.3, 0.1), (0.3, -0.1))
         axes.add_patch(Polygon(nose, color=style.BLACK, zorder=4))
         axes.set_title(sector.replace("_", " "))
         axes.set_xlim(-reach, reach)

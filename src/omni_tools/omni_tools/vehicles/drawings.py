@@ -59,7 +59,7 @@ def draw_vehicle(
         vehicle: vehicle to draw.
         sensors: line cameras under the vehicle.
     """
-    scene = Scene(vehicle.chassis_length, vehicle.chassis_width, vehicle.wheels)
+    scene = Scene.of_vehicle(vehicle)
     figure, ((axes,),) = style.panels(
         "top view, forward is up; load of each wheel", size=(7.0, 7.0), **_FROM_ABOVE
     )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 from typing import Any
 
@@ -102,6 +103,44 @@ def test_what_cannot_be_imported_is_refused(
 ) -> None:
     assert omni("lines", "import", *words, "--out", tmp_path / "bag") == 2
     assert complaint in capsys.readouterr().err
+    assert not (tmp_path / "bag").exists()
+
+
+def test_stamps_of_free_running_lines_give_the_line_rate(
+    files: dict[str, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    jitter = np.random.default_rng(2).uniform(-1e-4, 1e-4, LINES)
+    np.save(tmp_path / "stamps.npy", 5.0 + np.arange(LINES) / 2400.0 + jitter)
+    words = [f"left={files['left']}", "--stamps", tmp_path / "stamps.npy"]
+    assert omni("lines", "import", *words, "--out", tmp_path / "bag", "--json") == 0
+    metrics = json.loads(capsys.readouterr().out)["metrics"]
+    assert metrics["duration.left"]["value"] == pytest.approx(LINES / 2400.0, rel=2e-3)
+    first = next(iter(bag_messages(open_bag(tmp_path / "bag"))))
+    assert first.log_ns == pytest.approx(5e9 + 23 / 2400.0 * 1e9, abs=1e6)
+
+
+@pytest.mark.parametrize(
+    ("times", "complaint"),
+    [
+        # an encoder at constant acceleration: equal distances
+        (np.sqrt(np.arange(LINES) / 2500.0), "0.71 to 20 ms from line to line; .* an encoder"),
+        (np.delete(np.arange(LINES + 5), range(90, 95)) / 2500.0, "lines were lost, or an encoder"),
+        (np.arange(LINES - 1) / 2500.0, "has 199 times for 200 lines"),
+        (np.arange(LINES) * -1e-3, "no constant rate"),
+    ],
+    ids=["encoder", "lost", "fewer", "backwards"],
+)
+def test_stamps_without_a_constant_rate_are_refused(
+    times: np.ndarray,
+    complaint: str,
+    files: dict[str, Path],
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    np.savetxt(tmp_path / "stamps.csv", times)
+    words = [f"left={files['left']}", "--stamps", tmp_path / "stamps.csv"]
+    assert omni("lines", "import", *words, "--out", tmp_path / "bag") == 2
+    assert re.search(complaint, capsys.readouterr().err.replace("\n", " "))
     assert not (tmp_path / "bag").exists()
 
 

@@ -107,13 +107,21 @@ def test_the_footprint_contains_the_wheels_beside_the_chassis(width: float) -> N
     assert outer == pytest.approx(wheel.y + 0.5 * (width or 0.4 * 2.0 * wheel.radius))
 
 
+def test_the_footprint_has_the_offset_of_the_chassis() -> None:
+    vehicle = _experiment("vehicle.chassis_x=-0.5", "vehicle.chassis_y=0.25").vehicle
+    corners = footprint(vehicle)[:4]
+    size = np.array([vehicle.chassis_length, vehicle.chassis_width])
+    np.testing.assert_allclose(corners.max(axis=0), [-0.5, 0.25] + size / 2)
+    np.testing.assert_allclose(corners.min(axis=0), [-0.5, 0.25] - size / 2)
+
+
 def _parameters(
-    bands: int, limits: tuple[float, float] | None = None
+    bands: int, axes: tuple[float, float] | None = None
 ) -> tuple[str, list[dict[str, Any]]]:
     """Return the text of the monitor's file, and its polygons in their order."""
     options = AreaOptions(bands=bands)
-    if limits:
-        options = dataclasses.replace(options, speed_x=limits[0], speed_y=limits[1])
+    if axes:
+        options = dataclasses.replace(options, speed_x=axes[0], speed_y=axes[1])
     cells = stop_campaign(options, ExperimentLibrary(CONFIG)).cells
     metrics = {"outside_share.all": Metric(0.0, "1"), "held_out_stops.all": Metric(0.0, "1")}
     limits = np.full((len(cells), DIRECTIONS), 2.0)

@@ -27,6 +27,8 @@ class FrameClock:
     Attributes:
         lost: number of lost frames so far.
         resets: number of resets of the clock so far.
+        is_off_rate: whether the rate of the frames is farther from the configured rate than that of
+            a free-running camera can be; the stamps are then wrong.
     """
 
     def __init__(self, rate: float) -> None:
@@ -41,6 +43,7 @@ class FrameClock:
         self._number: int | None = None
         self.lost = 0
         self.resets = 0
+        self.is_off_rate = False
 
     @property
     def rate(self) -> float:
@@ -76,9 +79,9 @@ class FrameClock:
             return round(self._last_ns), max(lost, 1)
         self._last_ns += steps * self._period_ns + _FOLLOWED * error
         moved = self._period_ns + _DRIFT * error / steps
-        self._period_ns = min(
-            max(moved, self._nominal_ns * (1.0 - _WIDEST)), self._nominal_ns * (1.0 + _WIDEST)
-        )
+        slowest, fastest = (self._nominal_ns * (1.0 + w) for w in (_WIDEST, -_WIDEST))
+        self._period_ns = min(max(moved, fastest), slowest)
+        self.is_off_rate = self._period_ns != moved
         return round(self._last_ns), lost
 
 
@@ -86,7 +89,8 @@ class LineAssembler:
     """Extracts lines from frames and assembles them into stamped batches.
 
     A batch never extends across lost frames, so consecutive lines are always one line period apart.
-    The odometry detects a gap between two batches from the stamps.
+    The odometry detects a gap between two batches from the stamps. While the frames have another
+    rate than configured, their lines are dropped.
 
     Attributes:
         clock: clock that stamps the frames and counts lost ones.
@@ -133,6 +137,9 @@ class LineAssembler:
         period_ns = 1e9 / rate
         stamps_ns = stamp_ns + np.rint(period_ns * np.arange(1 - len(lines), 1)).astype(np.int64)
         ready = self.finish() if lost else []
+        if self.clock.is_off_rate:
+            self._waiting = []
+            return ready
         # Batches end at multiples of their duration, so that the batches of several cameras end at
         # the same time.
         batch_ns = 1e9 * self._configuration.batch

@@ -161,9 +161,13 @@ class CameraNode(Node):
             words.append(f"{lost - self._lost} frames lost")
         if abs(off) > _OFF_RATE:
             words.append(
-                f"frame rate {100.0 * off:+.1f} % off its configured value: set frame_rate"
+                f"frame rate {100.0 * off:+.1f} % off its configured value: set frame_rate, and "
+                "do not trigger the camera by an encoder"
             )
         level = WARN if words else OK
+        if clock.is_off_rate:
+            level = ERROR
+            words.append("no lines are published")
         key = (lost, clock.resets, abs(off) > _OFF_RATE)
         self._lost = lost
         self._status.update(stamp_ns, key, Status(level, "; ".join(words) or "delivering", values))

@@ -205,6 +205,7 @@ class GenicamSource:
         self._camera = self._harvester.create({"serial_number": serial} if serial else 0)
         try:
             self._request(self._camera.remote_device.node_map, configuration)
+            _refuse_encoder(self._camera.remote_device.node_map)
         except ConfigurationError:
             self._camera.destroy()
             self._harvester.reset()
@@ -253,6 +254,29 @@ class GenicamSource:
         self._camera.stop()
         self._camera.destroy()
         self._harvester.reset()
+
+
+def _refuse_encoder(nodes: Any) -> None:
+    """Refuse a GenICam camera that an encoder triggers.
+
+    Raises:
+        ConfigurationError: a trigger that is on has an encoder as its source.
+    """
+    if not all(map(nodes.has_node, ("TriggerSelector", "TriggerMode", "TriggerSource"))):
+        return
+    selector = nodes.get_node("TriggerSelector")
+    chosen = selector.value
+    for trigger in selector.symbolics:
+        selector.value = trigger
+        mode, source = (nodes.get_node(f"Trigger{name}").value for name in ("Mode", "Source"))
+        if mode == "On" and "encoder" in str(source).lower():
+            raise ConfigurationError(
+                "source",
+                f"{source} triggers the camera ({trigger}): lines at equal distances have no "
+                "constant rate, and there are none while its wheel is locked; set TriggerMode to "
+                "Off, or trigger it by a clock",
+            )
+    selector.value = chosen
 
 
 def _load(module: str, library: str, lock: str) -> Any:

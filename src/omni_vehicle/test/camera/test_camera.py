@@ -12,6 +12,7 @@ import pytest
 
 from omni_core.configuration import ConfigurationError
 from omni_core.signals import LineBatch
+from omni_vehicle.camera import sources
 from omni_vehicle.camera.assembler import FrameClock, LineAssembler
 from omni_vehicle.camera.configuration import CameraConfiguration
 from omni_vehicle.camera.cut import FrameError
@@ -265,3 +266,49 @@ def test_a_camera_of_genicam_is_read_by_a_producer() -> None:
         open_source(camera(source=f"{producer}#77"))
     with pytest.raises(ConfigurationError, match="refuses Width = 16000"):
         open_source(camera(source=str(producer), frame_width=16000))
+
+
+def _enumeration(name: str, chosen: int, *words: str) -> str:
+    entries = "".join(
+        f'<EnumEntry Name="{word}"><Value>{value}</Value></EnumEntry>'
+        for value, word in enumerate(words)
+    )
+    return f'<Enumeration Name="{name}">{entries}<Value>{chosen}</Value></Enumeration>'
+
+
+@pytest.mark.parametrize(("mode", "source"), [(1, 1), (1, 0), (0, 1)])
+def test_a_genicam_camera_with_an_encoder_trigger_is_refused(mode: int, source: int) -> None:
+    """The names of the features are those of GenICam's SFNC."""
+    genapi = pytest.importorskip("genicam.genapi", reason="needs requirements/genicam.lock")
+    features = (
+        _enumeration("TriggerSelector", 0, "FrameStart", "LineStart")
+        + _enumeration("TriggerMode", mode, "Off", "On")
+        + _enumeration("TriggerSource", source, "Line0", "Encoder0")
+    )
+    nodes = genapi.NodeMap()
+    nodes.load_xml_from_string(
+        '<RegisterDescription ModelName="M" VendorName="V" StandardNameSpace="None" '
+        'SchemaMajorVersion="1" SchemaMinorVersion="1" SchemaSubMinorVersion="0" MajorVersion="1" '
+        'MinorVersion="0" SubMinorVersion="0" ProductGuid="1" VersionGuid="1" '
+        'xmlns="http://www.genicam.org/GenApi/Version_1_1">'
+        f'<Category Name="Root"/>{features}</RegisterDescription>'
+    )
+    if mode and source:
+        with pytest.raises(ConfigurationError, match="Encoder0 triggers the camera"):
+            sources._refuse_encoder(nodes)
+    else:
+        sources._refuse_encoder(nodes)
+        assert nodes.get_node("TriggerSelector").value == "FrameStart"
+
+
+def test_frames_that_an_encoder_triggers_become_no_lines() -> None:
+    """A vehicle accelerates; each millimeter triggers a frame, at 1 m/s at the configured rate."""
+    assembler = LineAssembler(camera(frame_rate=1000.0, rows="0"))
+    picture = np.zeros((4, 64), np.uint8)
+    speed, published = np.linspace(0.1, 1.5, 2000), []
+    stamps = np.cumsum(1e-3 / speed)
+    for number, (stamp, now) in enumerate(zip(stamps, speed, strict=True)):
+        batches = assembler.take(picture, round(1e9 * stamp), number)
+        published += [now for batch in batches if len(batch.lines) > 1]
+    assert published
+    assert all(abs(now - 1.0) < 0.15 for now in published)

@@ -355,12 +355,13 @@ function draw() {
   }
   pen.rotate(yaw);
   pen.fillStyle = color("body");
-  pen.fillRect(-vehicle.length / 2, -vehicle.width / 2, vehicle.length, vehicle.width);
+  const nose = vehicle.x + vehicle.length / 2;
+  pen.fillRect(nose - vehicle.length, vehicle.y - vehicle.width / 2, vehicle.length, vehicle.width);
   pen.fillStyle = color("ink"); // marks the front of the vehicle
   pen.beginPath();
-  pen.moveTo(vehicle.length / 2 - 0.1, 0);
-  pen.lineTo(vehicle.length / 2 - 0.3, 0.12);
-  pen.lineTo(vehicle.length / 2 - 0.3, -0.12);
+  pen.moveTo(nose - 0.1, vehicle.y);
+  pen.lineTo(nose - 0.3, vehicle.y + 0.12);
+  pen.lineTo(nose - 0.3, vehicle.y - 0.12);
   pen.fill();
   vehicle.wheels.forEach((wheel, index) => drawWheel(pen, color, wheel, brakeState(index)));
   const [vx, vy] = state.twist;

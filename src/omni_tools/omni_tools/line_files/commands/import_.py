@@ -26,7 +26,10 @@ class Options(FileOptions, CommandOptions):
     """a file of config/sensors/, or another YAML file with line cameras; the number of pixels is
     taken from the lines"""
     rate: float | None = option(None, above=0.0, unit="1/s", maximum=1e6)
-    """line rate (default: that of the cameras)"""
+    """line rate (default: that of the cameras, or of --stamps)"""
+    stamps: Path | None = option(None, metavar="FILE")
+    """CSV or NPY file with the time of each line [s], equal for all cameras; it shows lost lines
+    and lines that an encoder has triggered, which are refused"""
     batch: float = option(0.01, above=0.0, maximum=1.0, unit="s")
     """time that the lines in one message span"""
     start: float = option(0.0, minimum=0.0, unit="s", maximum=4.0e9)
@@ -40,26 +43,30 @@ class Options(FileOptions, CommandOptions):
 
 def run(options: Options, workspace: ExperimentWorkspace) -> Report:
     """Create a recording from the lines in the files."""
-    from omni_core.configuration import to_mapping
+    from omni_core.configuration import ConfigurationError, to_mapping
     from omni_runs.graph.run_folder import unused, write_configuration
     from omni_runs.replay.lines import write_lines
-    from omni_tools.line_files.reading import read_lines
+    from omni_tools.line_files.reading import constant_rate, read_lines
 
     library = workspace.experiment_library()
     known = library.sensors(options.sensors)
     files = camera_files(options.sources, known, options.sensors)
     unused(options.out)
     lines = {name: read_lines(path, options.cut, options.raw) for name, path in files.items()}
+    rate, start_ns = options.rate, round(1e9 * options.start)
+    if options.stamps is not None:
+        if rate is not None:
+            raise ConfigurationError("--rate", "cannot be combined with --stamps")
+        rate, start_ns = constant_rate(options.stamps, {len(own) for own in lines.values()})
     sensors = {
         name: dataclasses.replace(
-            known[name], pixels=own.shape[1], line_rate=options.rate or known[name].line_rate
+            known[name], pixels=own.shape[1], line_rate=rate or known[name].line_rate
         )
         for name, own in lines.items()
     }
     tree = {name: to_mapping(sensor) for name, sensor in {**known, **sensors}.items()}
     changes = (f"sensors={json.dumps(tree)}", *options.overrides)
     configuration = library.load(options.experiment, overrides=changes)
-    start_ns = round(1e9 * options.start)
     messages = write_lines(options.out, lines, sensors, options.batch, start_ns)
     write_configuration(configuration, options.out)
     rows: dict[str, dict[str, tuple[float, str]]] = {

@@ -146,12 +146,13 @@ class TopView {
         pen.stroke();
         return;
       }
-      const { length, width, wheels, load, loadArm, centerOfGravity } = run.scene;
+      const { length, width, center, wheels, load, loadArm, centerOfGravity } = run.scene;
       pen.fillStyle = colors.chassis;
-      pen.fillRect(-length / 2, -width / 2, length, width);
-      pen.strokeRect(-length / 2, -width / 2, length, width);
+      const corner = [center[0] - length / 2, center[1] - width / 2];
+      pen.fillRect(...corner, length, width);
+      pen.strokeRect(...corner, length, width);
       pen.fillStyle = colors.ink;
-      polygon(pen, [[0.48, 0], [0.38, 0.06], [0.38, -0.06]].map(([x, y]) => [x * length, y * length]));
+      polygon(pen, [[0.48, 0], [0.38, 0.06], [0.38, -0.06]].map(([x, y]) => [center[0] + x * length, center[1] + y * length]));
       pen.fill();
       wheels.forEach((wheel, number) => this.drawWheel(pen, pixel, wheel, brakeState(run, number, i), brakeShare(run, number, i)));
       if (loadArm) {

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from linescan_odometry.twist.pose import PoseIntegrator
+from omni_core.pose import PoseIntegrator
 
 PERIOD_NS = 10_000_000
 EXACT = np.zeros((3, 3))
