@@ -193,6 +193,8 @@ class Configuration:
     def __post_init__(self) -> None:
         for name, kind, info in declared_parameters(type(self)):
             value = getattr(self, name)
+            if kind is float and type(value) is float and not _is_outside(value, info):
+                continue  # most values of most configurations
             if without_none(kind) is float and type(value) is int:
                 value = _convert(value, float, name)  # an integer such as 1 is accepted as 1.0
                 object.__setattr__(self, name, value)
@@ -422,15 +424,20 @@ def _check_range(name: str, value: float, info: ParameterInfo) -> None:
         )
     if not math.isfinite(value):
         raise ConfigurationError(name, f"{value}{unit} is not a finite number")
-    outside = (
-        (info.minimum is not None and value < info.minimum)
-        or (info.maximum is not None and value > info.maximum)
-        or (info.above is not None and value <= info.above)
-    )
-    if outside:
+    if _is_outside(value, info):
         raise ConfigurationError(
             name, f"{value:.15g}{unit} is out of range, must be {info.bounds_in_words()}"
         )
+
+
+def _is_outside(value: float, info: ParameterInfo) -> bool:
+    """Return whether a number is not finite, or out of its range."""
+    return not (
+        math.isfinite(value)
+        and (info.minimum is None or value >= info.minimum)
+        and (info.maximum is None or value <= info.maximum)
+        and (info.above is None or value > info.above)
+    )
 
 
 def _described(value: Any) -> str:

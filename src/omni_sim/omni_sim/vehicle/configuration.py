@@ -1,5 +1,6 @@
 """Configuration of the simulated vehicle: wheels, masses, tires, brakes, drive and suspension."""
 
+import functools
 from collections.abc import Mapping
 
 import numpy as np
@@ -117,7 +118,7 @@ class VehicleConfiguration(Configuration):
         """Center of the chassis in the body frame [m]."""
         return self.chassis_x, self.chassis_y
 
-    @property
+    @functools.cached_property
     def masses(self) -> loads.MassProperties:
         """Mass properties of body and load together."""
         return loads.MassProperties.of(self.body, self.load)

@@ -19,6 +19,7 @@ uniformly.
 """
 
 import dataclasses
+import functools
 import math
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -168,6 +169,11 @@ class StopCampaign:
         fields = (getattr(self, field.name) for field in dataclasses.fields(self))
         return digest(*(value for value in fields if value is not None))
 
+    @functools.cached_property
+    def footprint(self) -> FloatArray:
+        """Points in `base_link` whose hull is the footprint of the vehicle [m], shape (C, 2)."""
+        return footprint(self.base.vehicle)
+
     def cell_of(self, number: int) -> int:
         """Return the index of the cell to which a stop belongs."""
         return number % len(self.cells)
@@ -216,7 +222,7 @@ class StopCampaign:
                 f"after {configuration.simulation.duration_limit:g} s at a friction of "
                 f"{configuration.ground.friction:.2g}; increase the duration or the friction",
             )
-        swept = support(run, footprint(configuration.vehicle), self.settling)
+        swept = support(run, self.footprint, self.settling)
         return Sweep(number, " ".join(repr(value) for value in swept.tolist()))
 
 

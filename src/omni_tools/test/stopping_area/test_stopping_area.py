@@ -116,12 +116,12 @@ def test_the_footprint_has_the_offset_of_the_chassis() -> None:
 
 
 def _parameters(
-    bands: int, speeds: tuple[float, float] | None = None
+    bands: int, axes: tuple[float, float] | None = None
 ) -> tuple[str, list[dict[str, Any]]]:
     """Return the text of the monitor's file, and its polygons in their order."""
     options = AreaOptions(bands=bands)
-    if speeds:
-        options = dataclasses.replace(options, speed_x=speeds[0], speed_y=speeds[1])
+    if axes:
+        options = dataclasses.replace(options, speed_x=axes[0], speed_y=axes[1])
     cells = stop_campaign(options, ExperimentLibrary(CONFIG)).cells
     metrics = {"outside_share.all": Metric(0.0, "1"), "held_out_stops.all": Metric(0.0, "1")}
     limits = np.full((len(cells), DIRECTIONS), 2.0)
