@@ -358,6 +358,30 @@ def test_a_configured_delay_hardly_changes_a_stop(
 
 @pytest.mark.safety(
     "the stop is longer or rotates more",
+    "two kinds of sensors are stuck together, shortly before or after the start of braking",
+    "input gate: a reading that does not change while braking is not used",
+    within="the whole stop",
+)
+@pytest.mark.parametrize(
+    ("law", "channel", "onset"),
+    [
+        ("allocation", "accelerometer+twist", -0.1),
+        ("sliding_mode", "accelerometer+twist", -0.1),
+        ("sliding_mode", "encoder+gyro", 0.13),
+    ],
+)
+def test_sensors_that_are_stuck_together_make_no_stop_worse(
+    stops: FaultyStops, law: str, channel: str, onset: float
+) -> None:
+    setting = Setting(law, True, "straight_line")
+    stop = stops.run(setting, SensorFault(channel, "stuck", -1, onset, 0.0, 0.1))
+    assert stop.rest
+    assert stop.distance <= DISTANCE
+    assert stop.rotation <= ROTATION
+
+
+@pytest.mark.safety(
+    "the stop is longer or rotates more",
     "twist and all encoders are scaled by 0.64 to 0.74 from the start of braking on",
     "effect monitor: the stop has at most 1.5 times the distance",
     within="the whole stop",
