@@ -13,7 +13,7 @@ from omni_brake_assist.laws import allocation, allocation_state, built_in
 from omni_brake_assist.laws.law import Motion
 from omni_brake_assist.monitors import brake_monitor, effect_monitor
 from omni_core.geometry import PlatformGeometry
-from omni_core.quantities import SECOND_NS, FloatArray
+from omni_core.quantities import SECOND_NS, FloatArray, IntArray
 from omni_core.signals import ImuSample, TwistSample, WheelSample
 
 _STEP = np.dtype(
@@ -108,6 +108,11 @@ class Memory(NamedTuple):
         speeds: received wheel speeds [rad/s], NaN where not received, shape (N,).
         inertial: received yaw rate [rad/s] and specific force [m/s^2], NaN where not received,
             shape (3,).
+        seen: received yaw rate, specific force and wheel speeds when they last changed, in the same
+            units, shape (3 + N,).
+        changed_ns: times of these changes [ns], shape (3 + N,).
+        load: nominal forces of the brakes as shares of the wheels' friction capacities [1], NaN if
+            unknown, shape (N,).
         held: errors [m/s] and brake enables [1] of the wheels from the last call of the law, shape
             (2, N).
     """
@@ -127,6 +132,9 @@ class Memory(NamedTuple):
     answer: FloatArray
     speeds: FloatArray
     inertial: FloatArray
+    seen: FloatArray
+    changed_ns: IntArray
+    load: FloatArray
     held: FloatArray
 
 
@@ -216,5 +224,8 @@ def new_memory(constants: Constants) -> Memory:
         np.zeros(3),
         np.zeros(wheels),
         np.zeros(3),
+        np.zeros(3 + wheels),
+        np.zeros(3 + wheels, np.int64),
+        np.zeros(wheels),
         np.zeros((2, wheels)),
     )

@@ -80,7 +80,7 @@ def _receive(constants: Constants, memory: Memory, inputs: Inputs) -> tuple[bool
     step, line = memory.step[0], memory.line[0]
     feedback = _twist_of_center(constants, memory, inputs.feedback)
     braking = inputs.pedal >= constants.pedal_threshold
-    weighed = _read_sensors(constants, memory, inputs) and constants.fault_detection
+    weighed = _read_sensors(constants, memory, inputs, braking) and constants.fault_detection
     limits, gate = constants.limits, memory.gate[0]
     elapsed = max(since(inputs.now_ns, gate.now_ns) * 1e-9, 0.0)
     elapsed = min(elapsed, constants.maximum_time_step)
@@ -162,8 +162,10 @@ def _store_twist(constants: Constants, memory: Memory, received: TwistSample) ->
 
 
 @inlined
-def _read_sensors(constants: Constants, memory: Memory, inputs: Inputs) -> bool:
-    """Store wheel speeds and IMU reading; store NaN for values that are too old or implausible.
+def _read_sensors(constants: Constants, memory: Memory, inputs: Inputs, braking: bool) -> bool:
+    """Store wheel speeds and IMU reading; store NaN for values that are old or implausible.
+
+    While the driver brakes, a value that does not change with time is implausible.
 
     Returns:
         Whether there is a recent and complete IMU reading.
@@ -180,6 +182,15 @@ def _read_sensors(constants: Constants, memory: Memory, inputs: Inputs) -> bool:
     for j in range(2):
         plausible = abs(imu.acceleration[j]) <= limits.maximum_acceleration
         inertial[j + 1] = imu.acceleration[j] if known and plausible else math.nan
+    if not braking:
+        memory.changed_ns[:] = now_ns
+    for j in range(3):
+        inertial[j] = fail_safe.alive(
+            limits, memory.seen, memory.changed_ns, j, now_ns, inertial[j]
+        )
+    for i in range(memory.speeds.size):
+        j, speed = 3 + i, memory.speeds[i]
+        memory.speeds[i] = fail_safe.alive(limits, memory.seen, memory.changed_ns, j, now_ns, speed)
     return math.isfinite(inertial[0] + inertial[1] + inertial[2])
 
 
@@ -254,7 +265,12 @@ def _watch(
     """
     step, best = memory.step[0], min(memory.bank.record[0].best, bank_state.NO_IMU)
     scale = memory.bank.state[best, bank_state.SCALE]
-    wheels = brake_monitor.BrakedWheels(memory.commanded, memory.speeds, scale)
+    modeled = constants.laws.kind == built_in.ALLOCATION and not constants.laws.replans
+    for i in range(memory.load.size):
+        wheel, known = memory.laws.wheel[i], modeled and step.assisting
+        load = wheel.brake / wheel.capacity if known else 0.0
+        memory.load[i] = load if modeled else math.nan
+    wheels = brake_monitor.BrakedWheels(memory.commanded, memory.load, memory.law_speeds, scale)
     if step.dead == 0:
         dead = brake_monitor.watch_brakes(constants.brakes, memory.brakes, dt, pedal, wheels, twist)
         step.dead = dead + 1

@@ -142,8 +142,9 @@ class BrakeAssistConfiguration(Configuration):
     """Time from the motion that a twist describes to the stamp of the twist; compensated by
     prediction with the IMU"""
     frozen_time: float = parameter(0.2, unit="s", minimum=0.0, maximum=60.0)
-    """Time after which a twist that does not change is implausible, while the vehicle brakes above
-    the speed threshold (0: never)"""
+    """Time after which a reading that does not change is implausible while the vehicle brakes (0:
+    never); this holds for the twist above the speed threshold, and for readings of IMU and
+    encoders other than 0"""
 
     @property
     def steps_until_twist(self) -> int:

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from omni_brake_assist import conditions
 from omni_brake_assist.configuration import BrakeAssistConfiguration
 from omni_core.kernels import lean
-from omni_core.quantities import SECOND_NS, FloatArray
+from omni_core.quantities import SECOND_NS, FloatArray, IntArray
 from omni_core.signals import MISSING, VALID, TwistSample
 
 _RESOLUTION = 1e-6  # smaller changes are attributed to rounding [m/s], [rad/s]
@@ -158,7 +158,8 @@ def check_inputs(
         and _is_fresh(limits, gate, now_ns, sample.stamp_ns)
         and _is_confident(limits, gate, sample.covariance, weighed)
         and _is_plausible(limits, gate, sample.value)
-        and (weighed or _follows(limits, gate, sample, braking))
+        and _is_alive(limits, gate, sample, braking)
+        and (weighed or _follows(limits, gate, sample))
     ):
         return False
     _accept(limits, gate, sample.stamp_ns, sample.value, braking)
@@ -265,11 +266,19 @@ def _is_same(gate: Any, twist: FloatArray) -> bool:
 
 
 @lean
-def _follows(limits: Limits, gate: Any, sample: TwistSample, braking: bool) -> bool:
-    """Return whether a twist is physically possible after the last valid twist.
+def _is_alive(limits: Limits, gate: Any, sample: TwistSample, braking: bool) -> bool:
+    """Return whether a twist changes, as the twist of a moving vehicle does while it brakes."""
+    twist = sample.value
+    speed = math.hypot(twist[0], twist[1]) + abs(twist[2]) * limits.reach
+    moving = limits.frozen_time != 0.0 and speed >= limits.speed_threshold
+    same = gate.known and braking and moving and _is_same(gate, twist)
+    frozen = since(sample.stamp_ns, gate.unchanged_ns) / 1e9 if same else 0.0
+    return bool(_within(gate, conditions.FROZEN, frozen, limits.frozen_time, 0.0))
 
-    While the driver brakes (`braking`), a twist that has not changed for too long is not possible.
-    """
+
+@lean
+def _follows(limits: Limits, gate: Any, sample: TwistSample) -> bool:
+    """Return whether a twist is physically possible after the last valid twist."""
     stamp_ns, twist = sample.stamp_ns, sample.value
     elapsed = since(stamp_ns, gate.last_ns)
     if not gate.known or elapsed > limits.maximum_step_ns:
@@ -284,15 +293,32 @@ def _follows(limits: Limits, gate: Any, sample: TwistSample, braking: bool) -> b
     )
     speed_limit = limits.speed_noise + limits.maximum_acceleration * dt
     yaw_limit = limits.yaw_rate_noise + limits.maximum_yaw_acceleration * dt
-    speed = math.hypot(twist[0], twist[1]) + abs(twist[2]) * limits.reach
-    moving = limits.frozen_time != 0.0 and speed >= limits.speed_threshold
-    same = braking and moving and _is_same(gate, twist)
-    frozen = since(stamp_ns, gate.unchanged_ns) / 1e9 if same else 0.0
     return bool(
         _within(gate, conditions.SPEED_STEP, step, speed_limit, dt)
         and _within(gate, conditions.YAW_RATE_STEP, abs(twist[2] - gate.yaw_rate), yaw_limit, dt)
-        and _within(gate, conditions.FROZEN, frozen, limits.frozen_time, 0.0)
     )
+
+
+@lean
+def alive(
+    limits: Limits, seen: FloatArray, changed_ns: IntArray, j: int, now_ns: int, value: float
+) -> float:
+    """Return a reading, or NaN if it has not changed for `frozen_time`, as that of a stuck sensor.
+
+    A reading of 0 may be constant, because a locked wheel does not turn.
+
+    Args:
+        limits: limits within which inputs are valid.
+        seen: value of each reading when it last changed, changed in place.
+        changed_ns: times of these changes, changed in place [ns].
+        j: index of the reading.
+        now_ns: present time [ns].
+        value: the reading, NaN if it is missing.
+    """
+    if value == 0.0 or not abs(value - seen[j]) < _RESOLUTION:
+        seen[j], changed_ns[j] = value, now_ns
+    frozen = since(now_ns, changed_ns[j]) / 1e9
+    return math.nan if 0.0 < limits.frozen_time < frozen else value
 
 
 @lean

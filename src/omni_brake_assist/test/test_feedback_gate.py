@@ -22,6 +22,7 @@ from made_demands import (
 from omni_brake_assist.brake_assist import BrakeAssist, BrakeDemand
 from omni_brake_assist.conditions import AssistState
 from omni_brake_assist.configuration import BrakeAssistConfiguration
+from omni_brake_assist.fail_safe import alive, make_limits
 from omni_core.signals import TwistSample
 
 
@@ -184,3 +185,20 @@ def test_after_a_long_gap_nothing_is_left_to_compare_with(mecanum: Wheels) -> No
     assert reason.startswith("1 of 3 valid twists since: no feedback")
     assist.update(sideways(demand(36)))
     assert assist.update(sideways(demand(37))).state is AssistState.ASSISTING
+
+
+@pytest.mark.parametrize(
+    ("first", "change", "missing"), [(2.0, 0.0, True), (2.0, 1e-3, False), (0.0, 0.0, False)]
+)
+def test_a_reading_that_never_changes_is_missing(
+    mecanum: Wheels, first: float, change: float, missing: bool
+) -> None:
+    """A locked wheel may read 0 for the whole stop."""
+    limits = make_limits(BrakeAssistConfiguration(wheels=mecanum), 1.0)
+    seen, changed_ns = np.zeros(1), np.zeros(1, np.int64)
+    found = [
+        alive(limits, seen, changed_ns, 0, k * PERIOD_NS, first + k * change) for k in range(40)
+    ]
+    frozen = np.isnan(found)
+    assert not np.any(frozen[: round(limits.frozen_time * 1e9 / PERIOD_NS)])
+    assert bool(frozen[-1]) is missing

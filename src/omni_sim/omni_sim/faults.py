@@ -12,6 +12,8 @@ period, and ``N(0, 1)`` a standard normal value. The faulty reading is
     sine     y + a sin(2 pi tau / T) delay        y at the time T ago
     noise    y + a N(0, 1)           swap         reading of the other axis or next wheel
     sign     -y                      echo         a y + (1 - a) times y at the onset
+    square   y + a, then y - a       quantized    y rounded to a multiple of a
+             for T / 2 each
 
 Several faults of one channel are applied one after another.
 """
@@ -31,13 +33,13 @@ CHANNELS = ("twist", "gyro", "accelerometer", "encoder")
 
 KINDS = (
     *("offset", "drift", "ramp", "scale", "sine", "noise", "sign", "drop_out", "zero", "stuck"),
-    *("stuck_noise", "delay", "swap", "echo"),
+    *("stuck_noise", "delay", "swap", "echo", "square", "quantized"),
 )
 """Kinds of faults."""
 
 TWIST, GYRO, ACCELEROMETER, ENCODER = range(len(CHANNELS))
 (_OFFSET, _DRIFT, _RAMP, _SCALE, _SINE, _NOISE, _SIGN, _DROP_OUT, _ZERO, _STUCK, _STUCK_NOISE,
- _DELAY, _SWAP, _ECHO) = range(len(KINDS))  # fmt: skip
+ _DELAY, _SWAP, _ECHO, _SQUARE, _QUANTIZED) = range(len(KINDS))  # fmt: skip
 
 # Columns of the table of faults.
 _CHANNEL, _KIND, _AXIS, _START, _END, _AMPLITUDE, _PERIOD = range(7)
@@ -45,6 +47,7 @@ _COLUMNS = 7
 
 _MOST_READINGS = 1_000_000  # limit on the number of readings in a delay
 _STUCK_NOISE_DEVIATION = 1e-9
+_ROUNDING = 1e-6  # share of half a period that rounding of times may cause [1]
 
 
 class FaultConfiguration(Configuration):
@@ -64,7 +67,7 @@ class FaultConfiguration(Configuration):
     """Size ``a`` in the unit of the channel; in this unit per second for the fault `drift`, and
     without unit for `scale` and `echo`"""
     period: float = parameter(0.1, unit="s", above=0.0, maximum=3600.0)
-    """Duration ``T`` of the fault `ramp`, period of `sine`, or length of `delay`"""
+    """Duration ``T`` of the fault `ramp`, period of `sine` and `square`, or length of `delay`"""
 
 
 class Faults(NamedTuple):
@@ -210,4 +213,8 @@ def _faulty_reading(  # noqa: PLR0911, PLR0912 - a line for each kind
         return other
     if kind == _ECHO:
         return a * y + (1.0 - a) * held
+    if kind == _SQUARE:
+        return y + (a if math.floor(2.0 * tau / period + _ROUNDING) % 2 == 0 else -a)
+    if kind == _QUANTIZED:
+        return a * round(y / a) if a != 0.0 else y
     return math.nan  # a kind that has no branch here

@@ -125,6 +125,8 @@ def faulty_readings(
         ("delay", 1.5),
         ("swap", 3.5),
         ("echo", 0.5 * 2.5 + 0.5 * 2.0),
+        ("square", 2.5 - 0.5),
+        ("quantized", 2.5),
     ],
 )
 def test_a_fault_reads_what_its_formula_says(kind: str, expected: float) -> None:
@@ -132,6 +134,17 @@ def test_a_fault_reads_what_its_formula_says(kind: str, expected: float) -> None
     assert readings[:10, 0] == pytest.approx(1.0 + 0.1 * np.arange(10))
     assert readings[15, 0] == pytest.approx(expected, abs=1e-7)
     assert np.ptp(faulty_readings("stuck_noise")[10:, 0]) > 0.0
+
+
+def test_a_square_wave_of_two_samples_changes_its_sign_at_every_reading() -> None:
+    readings = faulty_readings("square", amplitude=0.5, period=0.02, axis=0)
+    error = readings[10:, 0] - readings[10:, 1] + 1.0
+    assert error == pytest.approx(0.5 * (-1.0) ** np.arange(error.size))
+
+
+def test_a_quantized_reading_is_a_multiple_of_the_step() -> None:
+    readings = faulty_readings("quantized", amplitude=0.3)[10:] / 0.3
+    assert readings == pytest.approx(np.round(readings))
 
 
 @pytest.mark.parametrize("delay", [0.1, 0.8, 2.5])

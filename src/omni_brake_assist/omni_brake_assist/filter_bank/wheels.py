@@ -31,6 +31,9 @@ _GAIN, _IDLE, _HELD = 0.1, 0.05, 0.08
 # Width of the range of readings of a faulty encoder: the width at standstill [m/s], and the
 # increase of the width per vehicle speed [1].
 _SPEED_RANGE, _SPEED_SHARE = 10.0, 2.0
+# Share of the faulty encoders that read 0, because power, cable or pulse wheel is lost. It is used
+# if the configuration describes brakes and wheels [1].
+_DEAD = 0.5
 # Standard deviation of a driven wheel's slip (share of the vehicle's speed) per specific force,
 # times the square root of the step: 0.01 s^2/m times sqrt(0.4 s), because the slip is constant over
 # about 0.4 s [s^2.5/m].
@@ -51,6 +54,8 @@ class _Wheel(NamedTuple):
         slides: prior probability that the wheel slides without being locked [1].
         locked: likelihood of the reading if the wheel is locked, times the prior probability that
             it is locked [s/m].
+        faulty: likelihood of the reading if the encoder is faulty [s/m].
+        span: width of the range of readings of a faulty encoder that does not read 0 [m/s].
         variance: variance of the speed of a rolling rim [m^2/s^2].
         excess: amount by which the rim can exceed its rolling speed while the tire springs back
             after the brake has been released [m/s].
@@ -60,6 +65,8 @@ class _Wheel(NamedTuple):
     rolls: float
     slides: float
     locked: float
+    faulty: float
+    span: float
     variance: float
     excess: float
     limit: float
@@ -96,7 +103,6 @@ def fuse_wheels(
     own = bank.WHEEL**2 + _slip(constants, memory, push) ** 2 / dt
     own += record.held * constants.walk**2
     released, rolling, braking = False, False, pedal > 0.0
-    span = _SPEED_RANGE + _SPEED_SHARE * math.hypot(memory.twist[0], memory.twist[1])
     # Without an estimate, encoders are as probably faulty as under the best hypothesis.
     best = min(record.best, bank.NO_IMU)
     weight = new_information(dt, constants.wheel_correlation_time)
@@ -118,10 +124,10 @@ def fuse_wheels(
         variance = own + ((_LAG * change / dt) ** 2 if math.isfinite(change) else 0.0)
         wheel = _mixture(constants, memory, i, dt, braking, load, variance)
         faulty = memory.faulty[best, i]
-        likelihood = (1.0 - faulty) * (wheel.locked + 1.0 / span) ** weight
-        memory.evidence[bank.NO_ESTIMATE] += math.log(likelihood + faulty / span**weight)
+        likelihood = (1.0 - faulty) * (wheel.locked + 1.0 / wheel.span) ** weight
+        memory.evidence[bank.NO_ESTIMATE] += math.log(likelihood + faulty * wheel.faulty**weight)
         for k in range(bank.FILTERS):
-            _fuse_wheel(constants, memory, i, k, wheel, span, dt)
+            _fuse_wheel(constants, memory, i, k, wheel, dt)
         released = released or memory.released[i] >= constants.spin_up
         rolling = rolling or math.isfinite(memory.wheel_ratio[i])
     record.unsupported = 0.0 if rolling else record.unsupported + dt * (braking and released)
@@ -203,6 +209,9 @@ def _mixture(
         variance: variance of the speed of the rim if the wheel rolls and its tire does not spring
             back [m^2/s^2].
     """
+    span = _SPEED_RANGE + _SPEED_SHARE * math.hypot(memory.twist[0], memory.twist[1])
+    standing = math.exp(-0.5 * min((memory.rim[i] / bank.WHEEL) ** 2, GATE))
+    standing /= math.sqrt(2.0 * math.pi) * bank.WHEEL
     rolls, slides, excess, locked = 1.0 - bank.PRIOR, bank.PRIOR, 0.0, 0.0
     if braking:
         fresh = min(constants.rebound_time / max(memory.released[i], dt), 1.0)
@@ -212,14 +221,14 @@ def _mixture(
         if memory.released[i] >= constants.spin_up:
             slides *= math.exp(-((memory.idle[i] / _IDLE) ** 2))
             stays *= math.exp(-((memory.idle[i] / _HELD) ** 2))
-        rolls = 1.0 - slides - stays
-        locked = stays * math.exp(-0.5 * min((memory.rim[i] / bank.WHEEL) ** 2, GATE))
-        locked /= math.sqrt(2.0 * math.pi) * bank.WHEEL
+        rolls, locked = 1.0 - slides - stays, stays * standing
         missing = max(memory.slowest[i] - abs(memory.rim[i]), 0.0)
         possible = math.exp(-0.5 * min((missing / bank.WHEEL) ** 2, GATE))
         slides, locked = slides * possible, locked * possible
     limit = _largest_slip(constants, memory, i, dt, load)
-    return _Wheel(rolls, slides, locked, variance, excess, limit)
+    dead = _DEAD if math.isfinite(constants.drop[i]) else 0.0
+    faulty = dead * standing + (1.0 - dead) / span
+    return _Wheel(rolls, slides, locked, faulty, span, variance, excess, limit)
 
 
 @lean
@@ -259,15 +268,13 @@ def _fuse_wheel(
     i: int,
     k: int,
     wheel: _Wheel,
-    span: float,
     dt: float,
 ) -> None:
     """Update the evidence of filter `k` and its encoder probability with the speed of wheel `i`.
 
-    If the wheel probably rolls, the filter is also corrected. The argument `span` is the width of
-    the range of readings of a faulty encoder [m/s].
+    If the wheel probably rolls, the filter is also corrected.
     """
-    rolls, slides, locked, own, excess, limit = wheel
+    rolls, slides, locked, wrong, _, own, excess, limit = wheel
     h, state, rim = memory.h, memory.state[k], memory.rim[i]
     n_x, n_y, lever = constants.n_x[i], constants.n_y[i], constants.lever[i]
     ground = n_x * state[U_X] + n_y * state[U_Y] + lever * state[RATE]
@@ -292,8 +299,8 @@ def _fuse_wheel(
         faulty = min(faulty, bank.PRIOR) if other > faulty else faulty
     # The exponent is the same for both, so that hypotheses are compared together with the faults of
     # encoders that they imply.
-    memory.evidence[k] += math.log((1.0 - faulty) * possible**weight + faulty / span**weight)
-    if (1.0 - faulty) * rolling > 0.5 * ((1.0 - faulty) * possible + faulty / span):
+    memory.evidence[k] += math.log((1.0 - faulty) * possible**weight + faulty * wrong**weight)
+    if (1.0 - faulty) * rolling > 0.5 * ((1.0 - faulty) * possible + faulty * wrong):
         if k == memory.record[0].best:
             memory.wheel_ratio[i] = squared / GATE
         # Driven wheels slip in a turn. They may therefore correct the scale of the wheel radii, but
@@ -301,6 +308,6 @@ def _fuse_wheel(
         first = SCALE if memory.record[0].received else bank.BIAS_RATE
         correct(memory, k, innovation, variance, (first, SCALE))
     # Bayes' rule. A reading that sliding could explain is no evidence that the encoder works.
-    odds, faulty = (rolling + min(sliding, 1.0 / span)) * span, memory.faulty[k, i]
+    odds, faulty = (rolling + min(sliding, wrong)) / wrong, memory.faulty[k, i]
     faulty /= faulty + (1.0 - faulty) * odds**weight
     memory.faulty[k, i] = faulty + constants.transition_rate * dt * (bank.PRIOR - faulty)

@@ -1,14 +1,16 @@
 """Stops with a fault of one sensor, two sensors or a brake, each determined by a seed.
 
 The seed determines the law, whether the vehicle has an IMU, the vehicle and its braking maneuver
-(`CASES`), and the fault. A `single` fault affects one channel. A `pair` affects two channels with
-the same kind and onset, like a failure of a shared supply, clock or calibration. A `brake` fault
-affects the brake of one wheel, before or during the stop. For every eighth seed, a search for a
-worse fault changes one entry of the fault at a time.
+(`CASES`), and the fault. A `single` fault affects one channel. A `pair` or a `triple` affects two
+or three channels with the same kind and onset, like a failure of a shared supply, clock or
+calibration. Every third of these faults is intermittent. A `brake` fault affects the brake of one
+wheel, before or during the stop. An `event` is ice under one side of the vehicle, from the middle
+of the stop on. For every eighth seed, a search for a worse fault changes one entry of the fault at
+a time.
 
 Stops with sensor faults are compared with the longer distance and the larger rotation of two stops
-without the fault, unassisted and assisted. Stops with brake faults are compared with unassisted
-braking with the same fault.
+without the fault, unassisted and assisted. Stops with brake faults or events are compared with
+unassisted braking with the same fault or event.
 """
 
 import dataclasses
@@ -21,7 +23,9 @@ import numpy as np
 from omni_runs.compiled import FastRun, run_fast_loop
 from omni_runs.experiment import WITHOUT_CAMERAS, ExperimentConfiguration, ExperimentLibrary
 from omni_runs.limit.bounds import heading_bound, maneuver_of
+from omni_sim.configuration import GroundConfiguration
 from omni_sim.faults import CHANNELS, KINDS, FaultConfiguration
+from omni_sim.ground.friction import FrictionPatch
 from omni_sim.vehicle.configuration import WheelCondition
 from omni_tools.campaign.runner import digest
 
@@ -42,7 +46,7 @@ LAWS: dict[str, tuple[str, ...]] = {
 }
 """Overrides of the experiment, keyed by law; `allocation` requires proportional brakes."""
 
-EXTENTS = ("single", "single", "pair", "brake")
+EXTENTS = ("single", "single", "single", "pair", "triple", "brake", "brake", "event")
 """Extents of a fault; repeated entries are drawn more often."""
 
 # Smallest and largest size of a fault, in the unit of the channel; "rate" denotes the yaw rate of
@@ -55,6 +59,11 @@ _SIZES = {
     "encoder": (0.5, 40.0),
 }
 _SHARES = ("scale", "echo")  # kinds of fault whose size is a share
+_PERIODS = 0.02, 0.6  # shortest period, of two samples, and longest one [s]
+_BURSTS = 0.05, 0.3  # shortest and longest duration of an intermittent fault [s]
+_ICE = 0.1, 0.3  # smallest and largest friction of ice, relative to the ground [1]
+_REPETITIONS = 20  # of an intermittent fault
+_WIDE = 100.0  # extent of a patch of ice, longer than any stop [m]
 _CHANNELS = {True: ("twist", "gyro", "accelerometer", "encoder"), False: ("twist", "encoder")}
 _BRAKES = ("brake", "open_valve", "stuck_brake")  # fields of `WheelCondition`
 # The encoders have 4096 counts, and no lines are rendered. A stop longer than the limit counts as
@@ -72,14 +81,16 @@ class SensorFault(NamedTuple):
     """A fault of sensors or a brake.
 
     Attributes:
-        channel: faulty channel, two channels joined by ``+``, or ``brake``.
-        kind: kind of the fault: a value of `FaultConfiguration.kind`, or the field of
-            `WheelCondition` that a brake fault sets.
-        axis: index of the faulty axis or wheel; -1 for all.
+        channel: faulty channel, channels joined by ``+``, ``brake``, or ``ground`` for an event.
+        kind: kind of the fault: a value of `FaultConfiguration.kind`, the field of
+            `WheelCondition` that a brake fault sets, or ``ice``.
+        axis: index of the faulty axis or wheel, -1 for all; side of the ice, 0 for the left.
         onset: time from pressing the pedal to the fault [s].
         amplitude: size of the fault in the unit of the first channel; `_configurations` derives the
-            size in a second channel.
-        period: duration of a ramp, period of a sine, or length of a delay [s].
+            size in the other channels. Friction of ice relative to the ground [1].
+        period: duration of a ramp, period of a sine or square wave, or length of a delay [s].
+        burst: duration of an intermittent fault, and time until the next one [s]; 0 if the fault
+            is permanent.
     """
 
     channel: str
@@ -88,6 +99,7 @@ class SensorFault(NamedTuple):
     onset: float
     amplitude: float
     period: float
+    burst: float = 0.0
 
 
 class Setting(NamedTuple):
@@ -120,7 +132,8 @@ class StopWithFault(NamedTuple):
         axis: index of the faulty axis or wheel, -1 for all.
         onset: time of the fault after the pedal is pressed [s].
         amplitude: amplitude of the fault, in the unit of the first channel.
-        period: duration of a ramp, period of a sine, or length of a delay [s].
+        period: duration of a ramp, period of a sine or square wave, or length of a delay [s].
+        burst: duration of an intermittent fault, 0 if the fault is permanent [s].
         counted: whether the reference stop comes to rest, 0 or 1.
         rest: whether the vehicle comes to rest, 0 or 1.
         distance: stopping distance, divided by the distance of the reference stop [1].
@@ -148,6 +161,7 @@ class StopWithFault(NamedTuple):
     onset: float
     amplitude: float
     period: float
+    burst: float
     counted: int
     rest: int
     distance: float
@@ -193,7 +207,8 @@ class FaultyStops:
     @property
     def fingerprint(self) -> str:
         """Digest of all settings that determine the stops, except the seeds."""
-        drawn = EXTENTS, KINDS, _SIZES, _SHARES, _BRAKES, list(_CHANNELS.items())
+        ranges = _SIZES, _PERIODS, _BURSTS, _ICE
+        drawn = EXTENTS, KINDS, ranges, _SHARES, _BRAKES, list(_CHANNELS.items())
         return digest(list(self._bases.values()), drawn, _SEARCHED, _STEPS)
 
     def __call__(self, seed: int) -> StopWithFault:
@@ -237,9 +252,16 @@ class FaultyStops:
             if fault.kind == "brake":
                 question = faulty.vehicle, faulty.ground, maneuver_of(faulty.maneuver)
                 least = np.nan_to_num(heading_bound(*question, math.inf).distance)
+        elif fault.channel == "ground":
+            extent, least = "event", 0.0
+            path = run_fast_loop(base)
+            ground = _with_ice(base.ground, fault, path, time)
+            faulty = dataclasses.replace(base, ground=ground)
+            unassisted = dataclasses.replace(self._bases[setting, False], ground=ground)
+            reference = all_on = _reference([run_fast_loop(unassisted)])
         else:
             faults = _configurations(fault, time)
-            extent, least = "single" if len(faults) == 1 else "pair", 0.0
+            extent, least = ("single", "pair", "triple")[fault.channel.count("+")], 0.0
             faulty = dataclasses.replace(base, faults=faults)
             reference = all_on = self.reference(setting)
         run = run_fast_loop(faulty)
@@ -273,9 +295,14 @@ class FaultyStops:
 
     def _draw(self, random: np.random.Generator, setting: Setting, extent: str) -> SensorFault:
         wheels = len(self._bases[setting, True].vehicle.wheels)
-        onset = round(float(random.uniform(-0.2, 1.2)), 2)
+        onset = round(float(random.uniform(-0.1, 1.4)), 3)
         if random.random() < 0.2:
-            onset = round(float(random.uniform(-1.5, -0.2)), 2)  # before the pedal is pressed
+            onset = round(float(random.uniform(-1.5, -0.1)), 3)  # before the pedal is pressed
+        if extent == "event":
+            friction = round(float(random.uniform(*_ICE)), 2)
+            return SensorFault(
+                "ground", "ice", int(random.integers(0, 2)), abs(onset), friction, 0.1
+            )
         if extent == "brake":
             kind = str(random.choice(_BRAKES))
             before = random.random() < 0.5
@@ -283,9 +310,10 @@ class FaultyStops:
             wheel = int(random.integers(0, wheels))
             return SensorFault("brake", kind, wheel, -9.0 if before else abs(onset), amplitude, 0.1)
         kind = str(random.choice(KINDS))
-        if extent == "pair":
-            pair = random.choice(_CHANNELS[setting.imu], 2, replace=False)
-            channel, axis = "+".join(sorted(map(str, pair))), int(random.integers(-1, 3))
+        if extent in ("pair", "triple"):
+            count = min(2 if extent == "pair" else 3, len(_CHANNELS[setting.imu]))
+            chosen = random.choice(_CHANNELS[setting.imu], count, replace=False)
+            channel, axis = "+".join(sorted(map(str, chosen))), int(random.integers(-1, 3))
         else:
             channel = str(random.choice(_CHANNELS[setting.imu]))
             # A single fault of encoders affects one wheel. A single fault of another channel
@@ -295,26 +323,28 @@ class FaultyStops:
         low, high = _range(channel.split("+")[0], kind, axis)
         size = float(np.exp(random.uniform(np.log(low), np.log(high))))
         amplitude = round(size * float(random.choice([-1.0, 1.0])), 3)
-        period = round(float(random.uniform(0.01, 0.6)), 2)
-        return SensorFault(channel, kind, axis, onset, amplitude, period)
+        period = round(float(np.exp(random.uniform(*np.log(_PERIODS)))), 2)
+        bursts = random.random() < 1.0 / 3.0
+        burst = round(float(random.uniform(*_BURSTS)), 2) if bursts else 0.0
+        return SensorFault(channel, kind, axis, onset, amplitude, period, burst)
 
     def _change(
         self, random: np.random.Generator, setting: Setting, extent: str, fault: SensorFault
     ) -> SensorFault:
         """Return the next fault of a search: a copy with one changed entry, or a new fault."""
         other = self._draw(random, setting, extent)
-        entry = str(random.choice(["kind", "onset", "amplitude", "period", "all"]))
-        if entry == "all" or (extent == "brake" and entry != "onset"):
+        entry = str(random.choice(["kind", "onset", "amplitude", "period", "burst", "all"]))
+        if entry == "all" or (extent in ("brake", "event") and entry != "onset"):
             return other
         if entry == "kind":
             return fault._replace(kind=other.kind)
         if entry == "onset":
-            moved = round(fault.onset + float(random.normal(0.0, 0.1)), 2)
+            moved = round(fault.onset + float(random.normal(0.0, 0.1)), 3)
             return fault._replace(onset=moved)
         if entry == "amplitude":
             factor = float(np.exp(random.normal(0.0, 0.4)))
             return fault._replace(amplitude=round(fault.amplitude * factor, 3))
-        return fault._replace(period=other.period)
+        return fault._replace(**{entry: getattr(other, entry)})
 
 
 def _range(channel: str, kind: str, axis: int) -> tuple[float, float]:
@@ -326,8 +356,8 @@ def _range(channel: str, kind: str, axis: int) -> tuple[float, float]:
 def _configurations(fault: SensorFault, time: float) -> dict[str, FaultConfiguration]:
     """Return the fault of each affected channel, keyed by channel.
 
-    In a pair, the amplitudes of the two channels are at the same relative position in the
-    logarithmic ranges of these channels. The axis of a fault is an axis of the twist. For x and y,
+    The amplitudes of several channels are at the same relative position in the logarithmic ranges
+    of these channels. The axis of a fault is an axis of the twist. For x and y,
     it is also the axis of the accelerometer; a fault of the yaw rate affects both axes of the
     accelerometer. Gyro and encoders are affected as a whole.
     """
@@ -342,8 +372,42 @@ def _configurations(fault: SensorFault, time: float) -> dict[str, FaultConfigura
             axis = {"twist": axis, "accelerometer": axis if axis < 2 else -1}.get(channel, -1)
         size = float(np.copysign(first * (last / first) ** share, fault.amplitude))
         one = FaultConfiguration(channel=channel, kind=fault.kind, axis=axis, time=time)
-        faults[channel] = dataclasses.replace(one, amplitude=size, period=fault.period)
+        one = dataclasses.replace(one, amplitude=size, period=fault.period)
+        faults[channel] = one
+        for k in range(_REPETITIONS if fault.burst > 0.0 else 0):
+            start = round(time + 2.0 * k * fault.burst, 3)
+            faults[f"{channel}_{k}"] = dataclasses.replace(one, time=start, duration=fault.burst)
+        if fault.burst > 0.0:
+            del faults[channel]
     return faults
+
+
+def _with_ice(
+    ground: GroundConfiguration, fault: SensorFault, path: FastRun, time: float
+) -> GroundConfiguration:
+    """Return the ground with ice on one side of the line of motion, from a time on [s].
+
+    Args:
+        ground: ground without ice.
+        fault: event with the side and the friction of the ice.
+        path: stop without the event, which gives place and direction of the vehicle at this time.
+        time: time at which the vehicle reaches the ice [s].
+    """
+    last = len(path.stamp_ns) - 1
+    k = min(max(int(np.searchsorted(path.stamp_ns, round(time * 1e9))), 1), last)
+    (x, y), (x_0, y_0) = path.pose[k, :2], path.pose[k - 1, :2]
+    along = math.atan2(y - y_0, x - x_0)
+    across = along + math.copysign(0.5 * math.pi, 0.5 - fault.axis)
+    half = 0.5 * _WIDE
+    ice = FrictionPatch(
+        x=float(x + half * (math.cos(along) + math.cos(across))),
+        y=float(y + half * (math.sin(along) + math.sin(across))),
+        length=_WIDE,
+        width=_WIDE,
+        heading_deg=math.degrees(along),
+        friction=fault.amplitude * ground.friction,
+    )
+    return dataclasses.replace(ground, patches={**ground.patches, "ice": ice})
 
 
 def _reference(runs: Sequence[FastRun]) -> Reference:
@@ -393,8 +457,10 @@ def limits(extent: str, *, imu: bool) -> StopLimits:
     """Return the limits on stops whose faults have the given extent; they hold for both laws."""
     if extent == "brake":
         return StopLimits(1.2, 5.0, None)
-    if extent == "pair":
+    if extent in ("pair", "triple"):
         return StopLimits(1.5 if imu else None, None, None)
+    if extent == "event":
+        return StopLimits(1.5, 10.0, None)
     return StopLimits(1.15, 5.0, 92.0) if imu else StopLimits(1.5, 15.0, None)
 
 

@@ -4,11 +4,12 @@
 files of the worst runs, which ``./omni run`` can repeat over the ROS graph.
 
 In ``faults``, several vehicles are braked under both laws, with and without an IMU. The faults are
-faults of one sensor, faults that two sensors share, and faults of a brake before or during the
-stop. In every eighth stop, a local search varies the fault to make its effect as harmful as
-possible. For a sensor fault, two stops without the fault are simulated, one unassisted and one
-assisted; the longer distance and the larger rotation of these two are the reference. For a brake
-fault, the reference is the unassisted stop with the same fault.
+faults of one sensor, faults that two or three sensors share, permanent or intermittent, faults of a
+brake before or during the stop, and ice under one side of the vehicle. In every eighth stop, a
+local search varies the fault to make its effect as harmful as possible. For a sensor fault, two
+stops without the fault are simulated, one unassisted and one assisted; the longer distance and the
+larger rotation of these two are the reference. For a brake fault or ice, the reference is the
+unassisted stop with the same fault or ice.
 """
 
 import itertools
@@ -276,7 +277,7 @@ def _finding(stops: Sequence[StopWithFault]) -> str:
     return (
         f"{worst.group}: {rest} of {sum(stop.counted for stop in stops)} come to rest; longest: "
         f"{worst.distance:.2f} times the reference ({worst.case}: {worst.channel} {worst.kind} "
-        f"{worst.amplitude:g} from {worst.onset:g} s)"
+        f"{worst.amplitude:g} from {worst.onset:g} s, seed {worst.seed})"
     )
 
 

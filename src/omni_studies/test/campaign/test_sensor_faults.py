@@ -1,16 +1,21 @@
 """Stops with a sensor fault against the limits that hold for any single fault."""
 
+import itertools
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from omni_runs.compiled import run_fast_loop
-from omni_runs.experiment import ExperimentLibrary
+from omni_runs.experiment import WITHOUT_CAMERAS, ExperimentLibrary
+from omni_sim.ground.friction import FrictionMap
 from omni_studies.campaign.sensor_faults import (
+    EXTENTS,
     FaultyStops,
     SensorFault,
     Setting,
+    _configurations,
+    _with_ice,
     limits,
     loss_of_twist,
 )
@@ -358,6 +363,30 @@ def test_a_configured_delay_hardly_changes_a_stop(
 
 @pytest.mark.safety(
     "the stop is longer or rotates more",
+    "two kinds of sensors are stuck together, shortly before or after the start of braking",
+    "input gate: a reading that does not change while braking is not used",
+    within="the whole stop",
+)
+@pytest.mark.parametrize(
+    ("law", "channel", "onset"),
+    [
+        ("allocation", "accelerometer+twist", -0.1),
+        ("sliding_mode", "accelerometer+twist", -0.1),
+        ("sliding_mode", "encoder+gyro", 0.13),
+    ],
+)
+def test_sensors_that_are_stuck_together_make_no_stop_worse(
+    stops: FaultyStops, law: str, channel: str, onset: float
+) -> None:
+    setting = Setting(law, True, "straight_line")
+    stop = stops.run(setting, SensorFault(channel, "stuck", -1, onset, 0.0, 0.1))
+    assert stop.rest
+    assert stop.distance <= DISTANCE
+    assert stop.rotation <= ROTATION
+
+
+@pytest.mark.safety(
+    "the stop is longer or rotates more",
     "twist and all encoders are scaled by 0.64 to 0.74 from the start of braking on",
     "effect monitor: the stop has at most 1.5 times the distance",
     within="the whole stop",
@@ -390,6 +419,35 @@ def test_all_brakes_act_from_the_onset_of_a_brake_fault(stops: FaultyStops, imu:
     assert after.all_on_rotation == pytest.approx(after.rotation, abs=0.1)
     assert after.all_on_distance == pytest.approx(after.distance, abs=0.01)
     assert during.all_on_rotation > during.rotation
+
+
+@pytest.mark.parametrize("side", [0, 1])
+def test_ice_begins_at_the_vehicle_and_lies_on_one_side(side: int) -> None:
+    base = LIBRARY.load("straight_line", "assisted", WITHOUT_CAMERAS)
+    path, time = run_fast_loop(base), base.maneuver.brake_time + 0.5
+    x, y = path.pose[np.searchsorted(path.stamp_ns, time * 1e9), :2]
+    fault = SensorFault("ground", "ice", side, 0.5, 0.2, 0.1)
+    ground = _with_ice(base.ground, fault, path, time)
+    friction = FrictionMap(ground.friction, ground.patches)
+    icy, dry = (1.0, -1.0) if side == 0 else (-1.0, 1.0)
+    assert friction.at(x + 0.5, y + icy) == pytest.approx(0.2 * base.ground.friction)
+    assert friction.at(x + 0.5, y + dry) == base.ground.friction
+    assert friction.at(x - 0.5, y + icy) == base.ground.friction
+
+
+def test_an_intermittent_fault_ends_and_returns() -> None:
+    fault = SensorFault("encoder", "zero", 0, 0.0, 0.0, 0.1, 0.2)
+    spans = [(f.time, f.time + f.duration) for f in _configurations(fault, 1.0).values()]
+    assert spans[:2] == [pytest.approx((1.0, 1.2)), pytest.approx((1.4, 1.6))]
+    assert all(start > end for (_, end), (start, _) in itertools.pairwise(spans))
+
+
+@pytest.mark.parametrize("extent", sorted(set(EXTENTS)))
+def test_every_extent_can_be_drawn(stops: FaultyStops, extent: str) -> None:
+    random, setting = np.random.default_rng(1), Setting("allocation", True, "six_wheels")
+    stop = stops.run(setting, stops._draw(random, setting, extent))
+    assert stop.extent == extent
+    assert stop.rest == 1
 
 
 def test_a_seed_is_always_the_same_stop(stops: FaultyStops) -> None:
