@@ -4,21 +4,12 @@
 (`omni_runs.compiled`) calls it with simulated sensor readings. Node and simulation therefore use
 the same fail-safe reactions and give bit-identical results. A user's own law is called between the
 two halves of a step, `receive` and `act`.
-
-Some valves cannot switch in every control step of 10 ms. An open valve applies its brake. A valve
-that has switched keeps its state for the dwell time. There are two exceptions, and both apply more
-brakes. If all brakes must act, all valves open immediately. If no brake would act during the dwell
-time, the valves that are commanded to brake open immediately. With a dwell time of 0, every valve
-follows its command in every step.
 """
 
 import math
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
-from omni_brake_assist import braking_line, conditions, fail_safe
+from omni_brake_assist import braking_line, conditions, fail_safe, valves
 from omni_brake_assist.assist_state import Constants, Inputs, LawCall, Memory
 from omni_brake_assist.fail_safe import since
 from omni_brake_assist.filter_bank import state as bank_state
@@ -309,10 +300,10 @@ def act(
     elapsed = float(max(since(inputs.now_ns, step.switched_ns), 0))
     step.switched_ns = inputs.now_ns
     if outcome >= conditions.REPLANNED:
-        switch_valves(memory.valves, constants.dwell, elapsed, enable)
+        valves.switch_valves(memory.valves, constants.dwell, elapsed, enable)
     else:
         enable[:] = 1.0
-        open_valves(memory.valves, constants.dwell, elapsed)
+        valves.open_valves(memory.valves, constants.dwell, elapsed)
     for i in range(enable.size):
         memory.commanded[i] = enable[i]
     return int(outcome)
@@ -434,46 +425,3 @@ def fastest_wheel(r_x: FloatArray, r_y: FloatArray, v_x: float, v_y: float, omeg
         w_x, w_y = v_x - omega * r_y[i], v_y + omega * r_x[i]
         largest = max(largest, w_x * w_x + w_y * w_y)
     return math.sqrt(largest)
-
-
-@lean
-def open_valves(valves: NDArray[np.void], dwell: float, elapsed: float) -> None:
-    """Open all valves, regardless of their dwell time.
-
-    Args:
-        valves: state of the valves, changed in place, shape (N,).
-        dwell: minimum time between two switching operations of a valve [ns].
-        elapsed: time since the last step [ns].
-    """
-    for i in range(valves.size):
-        valve = valves[i]
-        valve.held = max(valve.held - elapsed, 0.0)
-        if valve.shut:
-            valve.shut, valve.held = False, dwell
-
-
-@lean
-def switch_valves(
-    valves: NDArray[np.void], dwell: float, elapsed: float, enable: FloatArray
-) -> None:
-    """Switch the valves whose dwell time has passed.
-
-    Args:
-        valves: state of the valves, changed in place, shape (N,).
-        dwell: minimum time between two switching operations of a valve [ns].
-        elapsed: time since the last step [ns].
-        enable: command to each valve [1], shape (N,). A command of 0 shuts a valve, and at least
-            one command is above 0. If a valve must keep its state, this function overwrites the
-            command with 0 or 1.
-    """
-    acting = False
-    for i in range(valves.size):
-        valve = valves[i]
-        valve.held = max(valve.held - elapsed, 0.0)
-        acting |= not valve.shut if valve.held > 0.0 else enable[i] != 0.0
-    for i in range(valves.size):
-        valve, shut = valves[i], enable[i] == 0.0
-        if acting and valve.held > 0.0:
-            enable[i] = 0.0 if valve.shut else 1.0
-        elif shut != valve.shut:
-            valve.shut, valve.held = shut, dwell

@@ -272,8 +272,7 @@ class LimitVehicle:
         """
         wheels = len(self.active)
         along, passive_along = self.active @ direction, self._passive @ direction
-        cap = np.minimum(case.friction * self.strongest_peak, case.torque / self.rim_lever)
-        low, high = -cap, cap.copy()
+        low, high = self._allowed(along, case)
         rows_eq, right_eq = self._loads(model, case.lag)
         if case.straight or case.heading:
             moment = np.concatenate((self.lever, self._passive_lever, np.zeros(wheels)))
@@ -283,11 +282,6 @@ class LimitVehicle:
             lateral = (self.active @ across, self._passive @ across, np.zeros(wheels))
             rows_eq = np.vstack((rows_eq, np.concatenate(lateral)))
             right_eq = np.append(right_eq, 0.0)
-            dragged = np.abs(along) > _STANDING
-            high[(along > 0.0) & dragged] = 0.0
-            low[(along < 0.0) & dragged] = 0.0
-            if not case.standing:
-                low[~dragged] = high[~dragged] = 0.0
         fixed = self._fixed_rows(lifted)
         lost = math.inf if self._loss > 0.0 else 0.0
         lower = np.concatenate((low, np.full(wheels, -lost), np.zeros(wheels)))
@@ -320,6 +314,23 @@ class LimitVehicle:
         # divided by the largest excess are admissible too.
         share = float(np.max(np.abs(force) / np.maximum(case.friction * self.peak(load), 1e-9)))
         return Deceleration(bound, -float(found.fun) / max(1.0, share), force, load)
+
+    def _allowed(self, along: FloatArray, case: Case) -> tuple[FloatArray, FloatArray]:
+        """Return the least and largest force of each wheel by friction and torque [N], shape (N,).
+
+        Args:
+            along: component of each wheel's direction along the motion [1], shape (N,).
+            case: friction, torque and constraints.
+        """
+        cap = np.minimum(case.friction * self.strongest_peak, case.torque / self.rim_lever)
+        low, high = -cap, cap.copy()
+        if case.straight:
+            dragged = np.abs(along) > _STANDING
+            high[(along > 0.0) & dragged] = 0.0
+            low[(along < 0.0) & dragged] = 0.0
+            if not case.standing:
+                low[~dragged] = high[~dragged] = 0.0
+        return low, high
 
     def _friction_rows(
         self, friction: FloatArray, chosen: BoolArray

@@ -11,6 +11,7 @@ from omni_core.quantities import FloatArray
 from omni_runs.compiled import FastRun, run_fast_loop
 from omni_runs.experiment import ExperimentConfiguration, ExperimentLibrary
 from omni_runs.limit import bounds as limit
+from omni_runs.limit.stop_kinds import KEPT
 from omni_sim.configuration import GroundConfiguration
 from omni_sim.vehicle.configuration import VehicleConfiguration
 from omni_studies.campaign.random_braking import RandomBraking, draw
@@ -165,9 +166,7 @@ def _kept(run: FastRun, experiment: ExperimentConfiguration, maneuver: limit.Man
     along = np.array([cos * v_x - sin * v_y, sin * v_x + cos * v_y]) / math.hypot(v_x, v_y)
     lateral = np.abs(along[0] * path[:, 1] - along[1] * path[:, 0])
     turned = float(np.max(np.abs(pose[:, 2] - pose[0, 2])))
-    kept = turned <= limit.KEPT and float(np.max(lateral)) <= math.tan(limit.KEPT) * float(
-        along @ path[-1]
-    )
+    kept = turned <= KEPT and float(np.max(lateral)) <= math.tan(KEPT) * float(along @ path[-1])
     return math.hypot(*path[-1]) if kept else math.nan
 
 
