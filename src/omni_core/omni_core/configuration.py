@@ -193,7 +193,8 @@ class Configuration:
     def __post_init__(self) -> None:
         for name, kind, info in declared_parameters(type(self)):
             value = getattr(self, name)
-            if kind is float and type(value) is float and not _is_outside(value, info):
+            plain = type(value) is kind and kind is not int and info.choices is None
+            if plain and not (kind is float and _is_outside(value, info)):
                 continue  # most values of most configurations
             if without_none(kind) is float and type(value) is int:
                 value = _convert(value, float, name)  # an integer such as 1 is accepted as 1.0

@@ -107,14 +107,17 @@ def find_mistakes(
     """
     kinematics.require_omni_wheels(vehicle.wheels, "check-vehicle")
     # A gyro measures the angle of the rotation more accurately than a tape, unless it is wrong.
-    if abs(motions.gyro[2] / told.size[2] - 1.0) < ALLOWED.scale:
+    by_tape = float(told.size[2])
+    if abs(motions.gyro[2] / by_tape - 1.0) < ALLOWED.scale:
         told = told._replace(size=np.array([*told.size[:2], motions.gyro[2]]))
     wheels, known = vehicle.wheels, np.diag(told.size)
     predicted = predicted_angles(wheels, known)
     found: list[Mistake] = []
 
     def sensors(moved: FloatArray) -> tuple[list[Cause], FloatArray]:
-        return _sensors(motions, moved)
+        causes, ratios = _sensors(motions, moved)
+        ratios[2] *= told.size[2] / by_tape  # the yaw rate is compared with the tape
+        return causes, ratios
 
     explained = solutions(wheels, motions.angle, told, sensors)
     if not explained:
