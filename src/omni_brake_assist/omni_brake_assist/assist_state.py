@@ -111,8 +111,6 @@ class Memory(NamedTuple):
         seen: received yaw rate, specific force and wheel speeds when they last changed, in the same
             units, shape (3 + N,).
         changed_ns: times of these changes [ns], shape (3 + N,).
-        load: nominal forces of the brakes as shares of the wheels' friction capacities [1], NaN if
-            unknown, shape (N,).
         held: errors [m/s] and brake enables [1] of the wheels from the last call of the law, shape
             (2, N).
     """
@@ -134,7 +132,6 @@ class Memory(NamedTuple):
     inertial: FloatArray
     seen: FloatArray
     changed_ns: IntArray
-    load: FloatArray
     held: FloatArray
 
 
@@ -226,6 +223,5 @@ def new_memory(constants: Constants) -> Memory:
         np.zeros(3),
         np.zeros(3 + wheels),
         np.zeros(3 + wheels, np.int64),
-        np.zeros(wheels),
         np.zeros((2, wheels)),
     )

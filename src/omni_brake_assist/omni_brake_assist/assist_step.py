@@ -256,12 +256,7 @@ def _watch(
     """
     step, best = memory.step[0], min(memory.bank.record[0].best, bank_state.NO_IMU)
     scale = memory.bank.state[best, bank_state.SCALE]
-    modeled = constants.laws.kind == built_in.ALLOCATION and not constants.laws.replans
-    for i in range(memory.load.size):
-        wheel, known = memory.laws.wheel[i], modeled and step.assisting
-        load = wheel.brake / wheel.capacity if known else 0.0
-        memory.load[i] = load if modeled else math.nan
-    wheels = brake_monitor.BrakedWheels(memory.commanded, memory.load, memory.law_speeds, scale)
+    wheels = brake_monitor.BrakedWheels(memory.commanded, memory.law_speeds, scale)
     if step.dead == 0:
         dead = brake_monitor.watch_brakes(constants.brakes, memory.brakes, dt, pedal, wheels, twist)
         step.dead = dead + 1

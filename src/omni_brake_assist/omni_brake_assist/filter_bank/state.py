@@ -42,7 +42,6 @@ FAULTY = 0.5
 
 WHEEL = 0.03  # standard deviation of a rolling rim's speed and a fault-free twist's velocity [m/s]
 SHARE = 0.005  # additional standard deviation of these speeds and of yaw rates, per reading [1]
-WHEEL_TIME = 0.05  # time over which the errors of the wheel speeds are correlated [s]
 MODEL_ERROR = 2.0  # largest error of the ratio of nominal brake torque to wheel inertia [1]
 RELEASED = 0.05  # a brake with at most this enable counts as released [1]
 LEAST_FRICTION = 3.0  # deceleration with a friction coefficient of 0.3 if all wheels brake [m/s^2]
@@ -174,7 +173,7 @@ class BankConstants(NamedTuple):
     swing: float = 0.3
     rebound_time: float = 0.15
     correlation_time: float = 1.0 / 30.0
-    wheel_correlation_time: float = WHEEL_TIME
+    wheel_correlation_time: float = 0.05
     drift: float = 0.1
     transition_rate: float = 0.1
     velocity_deviation: float = 0.4

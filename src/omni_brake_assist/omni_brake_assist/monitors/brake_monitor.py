@@ -8,29 +8,21 @@ they are on-off, `allocation` controls the other brakes (`LawConstants.replans` 
 If they are proportional, all brakes act.
 
 Free rolling is tested by a cumulative sum (Page, Biometrika 41, 1954) of the log-likelihood ratio
-of two hypotheses: the wheel rolls with a normally distributed deviation, or it slips. If
-`allocation` controls proportional brakes, it knows the force ``B`` of the brake and the friction
-capacity ``c`` of the wheel. The slip is then at least half of ``1 - sqrt(1 - B / c)`` times the
-slip at the largest friction force (`laws.wheel_model`). Any force thus shows a lost brake, at high
-speed after a few readings. On ice a wheel slips more, so lost friction is no failed brake.
-
-Otherwise only full commands count, and the slip is arbitrary. The small, constant slip of a heavily
-loaded wheel, which its brake cannot lock, therefore does not count as free rolling. The sum
-continues over several commands of the law to the same brake. It restarts after the brake has been
-released for longer than it was commanded to act. With such short commands, a brake with a lag does
-not reach the pressure at which its wheel slides.
+of two hypotheses: the wheel rolls with a normally distributed deviation, or the wheel has an
+arbitrary slip. The small, constant slip of a heavily loaded wheel, which its brake cannot lock,
+therefore does not count as free rolling. The sum continues over several commands of the law to the
+same brake. It restarts after the brake has been released for longer than it was commanded to act.
+With such short commands, a brake with a lag does not reach the pressure at which its wheel slides.
 
 If all brakes act so weakly that no wheel slides, no failure is detected.
 """
 
-import math
 from typing import NamedTuple
 
 import numpy as np
 
 from omni_brake_assist.configuration import BrakeAssistConfiguration
-from omni_brake_assist.filter_bank.filters import GATE, new_information
-from omni_brake_assist.filter_bank.state import RELEASED, SHARE, WHEEL, WHEEL_TIME
+from omni_brake_assist.filter_bank.state import RELEASED, SHARE, WHEEL
 from omni_brake_assist.laws.law import NO_WHEEL
 from omni_core.geometry import PlatformGeometry
 from omni_core.kernels import lean
@@ -41,7 +33,6 @@ _SLOW = 0.5  # smallest speed along the active direction for the detection [m/s]
 # Deviations of a rim's speed from rolling, in standard deviations of a rolling rim [1]. At the
 # first one, rolling and slip are equally likely. Above the second one, the wheel slides.
 _ROLLS, _SLIDES = 2.5, 9.0
-_CERTAIN = 10.0  # log-likelihood ratio above which a brake with a known force has failed [1]
 _SLIDE_VALIDITY = 0.5  # time for which detected sliding of any wheel remains valid [s]
 
 
@@ -53,17 +44,13 @@ class BrakeConstants(NamedTuple):
         n_y: active directions, y component [1], shape (N,).
         lever: levers of the active directions about the center of the wheels [m], shape (N,).
         roll: speed of the rim along the active direction per wheel speed [m], shape (N,).
-        slip: smallest slip at the largest friction force, as a share of the speed of the wheel's
-            center [1]. With oblique rollers, the slip along the active direction is larger.
-        time: duration of free rolling after which a brake counts as failed, and time constant with
-            which the slowest brake follows its command [s].
+        time: duration of free rolling after which a brake counts as failed [s].
     """
 
     n_x: FloatArray
     n_y: FloatArray
     lever: FloatArray
     roll: FloatArray
-    slip: float
     time: float
 
 
@@ -73,15 +60,12 @@ class BrakedWheels(NamedTuple):
     Attributes:
         commanded: share of the pedal's pressure that each brake was commanded to pass [1],
             shape (N,).
-        load: nominal force of each brake as a share of the wheel's friction capacity [1], NaN if
-            unknown, shape (N,).
         speeds: wheel speeds [rad/s], shape (N,); NaN where unknown.
         scale: estimated relative error of the wheel radii, positive if the configured radii are
             too large [1].
     """
 
     commanded: FloatArray
-    load: FloatArray
     speeds: FloatArray
     scale: float
 
@@ -92,20 +76,17 @@ def brake_constants(
     """Return the constants of the brake monitor for a configuration and wheel geometry."""
     n_x, n_y = np.ascontiguousarray(geometry.active.T)
     time = 0.1 + configuration.brake.settling_time
-    sliding = configuration.allocation.target_slip
-    slip = sliding / (1.0 + sliding)
-    return BrakeConstants(n_x, n_y, geometry.lever, geometry.rim, slip, time)
+    return BrakeConstants(n_x, n_y, geometry.lever, geometry.rim, time)
 
 
 def brake_memory(wheels: int) -> FloatArray:
     """Return the initial memory of the brake monitor, shape (2 N + 1,).
 
-    The first N entries are the cumulative sums of the wheels as shares of their limits [1]. The sum
-    of a braked wheel rises in each step in which it rolls without slip, and falls if it slips. The
-    next N entries are the low-passed loads of the brakes [1] or, if these are unknown, the net
-    times for which the brakes were commanded to act [s]. Each rises by the duration of a step in
-    which its brake is commanded to act. In other steps it falls by the duration of the step, but
-    not below 0. The last entry is the time since any wheel slid [s].
+    The first N entries are the cumulative sums of the wheels [s]. The sum of a braked wheel rises
+    by the duration of each step in which it rolls without slip, and falls if it slips. The next N
+    entries are the net times for which the brakes were commanded to act [s]. Each rises by the
+    duration of a step in which its brake is commanded to act. In other steps it falls by the
+    duration of the step, but not below 0. The last entry is the time since any wheel slid [s].
     """
     memory = np.zeros(2 * wheels + 1)
     memory[-1] = _SLIDE_VALIDITY
@@ -146,32 +127,12 @@ def watch_brakes(
         command, net, fast = wheels.commanded[i], speeds.size + i, abs(hub) >= _SLOW
         if fast and pedal * command >= _LEAST and deviation > _SLIDES:
             memory[-1] = 0.0
-        evident = fast and (memory[-1] < _SLIDE_VALIDITY or abs(deviation) > _ROLLS)
-        if math.isfinite(wheels.load[i]):
-            load = min(wheels.load[i], 1.0)
-            share = dt / (dt + constants.time)
-            memory[net] = min(memory[net] + share * (load - memory[net]), load)
-            slip = constants.slip * (1.0 - math.sqrt(1.0 - memory[net])) * abs(hub)
-            ratio = _rolling_ratio(deviation, 0.5 * slip / (WHEEL + SHARE * abs(hub)))
-            change = new_information(dt, WHEEL_TIME) * ratio / _CERTAIN
-        else:
-            acts = command >= 1.0 - RELEASED
-            if not acts and memory[net] == 0.0:
-                memory[i] = 0.0
-            memory[net] = max(memory[net] + (dt if acts else -dt), 0.0)
-            change = acts * (1.0 - (deviation / _ROLLS) ** 2) * dt / constants.time
-        if evident:
-            memory[i] = max(memory[i] + change, 0.0)
-        if memory[i] > 1.0:
+        acts = command >= 1.0 - RELEASED
+        if not acts and memory[net] == 0.0:
+            memory[i] = 0.0
+        memory[net] = max(memory[net] + (dt if acts else -dt), 0.0)
+        if acts and fast and (memory[-1] < _SLIDE_VALIDITY or abs(deviation) > _ROLLS):
+            memory[i] = max(memory[i] + (1.0 - (deviation / _ROLLS) ** 2) * dt, 0.0)
+        if memory[i] > constants.time:
             return i
     return NO_WHEEL
-
-
-@lean
-def _rolling_ratio(deviation: float, slip: float) -> float:
-    """Return the log-likelihood ratio of rolling to a slip of at least `slip`.
-
-    Both arguments are slip speeds, divided by the standard deviation of a rolling rim [1].
-    """
-    slides = min(max(slip - deviation, 0.0) ** 2, GATE)
-    return 0.5 * (slides - min(deviation**2, GATE))
