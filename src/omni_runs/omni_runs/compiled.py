@@ -87,9 +87,9 @@ class _Loop(NamedTuple):
     period_ns: int
     steps: int
     pedal: FloatArray  # brake demand, 0 to 1, (T,)
-    # Commanded twist [m/s, m/s, rad/s] in the body axes at the start; a row is rotated in place to
-    # the present body axes when its stamp is reached, (T, 3).
+    # Commanded twist [m/s, m/s, rad/s] in body axes; rotated in place at its stamp, (T, 3).
     command: FloatArray
+    height: FloatArray  # height of the center of gravity [m], (T,)
     hold_world: bool  # whether the commanded velocity keeps its direction in the world
     start_yaw: float  # [rad]
     brake_torque: float  # torque of a brake with the pedal fully down [N m]
@@ -197,6 +197,7 @@ def _loop(configuration: ExperimentConfiguration, driver: ScriptedDriver) -> _Lo
         steps=simulation.steps_per_period,
         pedal=pedal,
         command=command,
+        height=configuration.vehicle.height_at(np.arange(stamps) * period_ns * 1e-9),
         hold_world=configuration.maneuver.hold_world_direction,
         start_yaw=start_yaw,
         brake_torque=configuration.vehicle.brake.max_torque,
@@ -440,10 +441,10 @@ def _advance(state: State, loop: _Loop, scratch: _Scratch, stamp: int, yaw: floa
         stamp: index of the control stamp.
         yaw: present heading of the vehicle in `odom` [rad].
     """
-    pedal, twist = loop.pedal[stamp], loop.command[stamp]
+    pedal, twist, height = loop.pedal[stamp], loop.command[stamp], loop.height[stamp]
     if loop.hold_world:
         twist[0], twist[1] = in_turned_frame(twist[0], twist[1], yaw - loop.start_yaw)
     torque = pedal * loop.brake_torque
     stiffness = loop.clutch_stiffness if pedal < loop.clutch_threshold else 0.0
-    control = Control(torque, scratch.enable, stiffness, twist, loop.hold_world, 0.0, 0.0)
+    control = Control(torque, scratch.enable, stiffness, twist, loop.hold_world, 0.0, 0.0, height)
     dynamics.advance(state, control, scratch.steps, scratch.trajectory)

@@ -75,6 +75,7 @@ def load(experiment: str, variant: str, *overrides: str) -> ExperimentConfigurat
         ("straight_line", "assisted", ("simulation.duration_limit=1.003",)),
         ("straight_line", "assisted", ("simulation.control_period=0.005",)),
         ("straight_line", "assisted", VALVES),
+        ("straight_line", "assisted", ("vehicle.fork={time: [1, 2], height: [0.2, 2.5]}",)),
         ("three_wheel_diagonal", "assisted", ()),
         ("ice_patch_noisy", "noisy", ()),
         ("turn_while_translate", "k1", ()),

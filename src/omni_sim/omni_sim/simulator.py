@@ -222,6 +222,8 @@ class Simulator:
         start_ns = self._stamp_ns
         if self.vehicle.brake_fault_onsets.any():
             self.vehicle.apply_brake_faults(start_ns * 1e-9)
+        if self.configuration.vehicle.fork.time:
+            self.vehicle.lift(start_ns * 1e-9)
         ride, self._steering = self.vehicle.ride, self.vehicle.steering[0]
         trajectory = self.vehicle.advance(
             self.configuration.simulation.steps_per_period,
@@ -238,7 +240,7 @@ class Simulator:
         self.tipping = self.vehicle.tipping
         self._stamp_ns = start_ns + self.control_period_ns
         if self._sprung:
-            height = self.vehicle.masses.height
+            height = self.vehicle.height
             period = self.configuration.simulation.control_period
             trajectory = swaying(trajectory, ride, self.vehicle.ride, height, period)
         self._flow_sensors.advance(trajectory)

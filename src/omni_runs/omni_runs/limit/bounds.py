@@ -40,6 +40,8 @@ from omni_sim.vehicle.configuration import VehicleConfiguration
 
 _WEAK = "friction or brakes are too weak to stop the vehicle"
 _SLOPE = "the ground is not level, and the slope force is not modeled"
+_FASTER = "the rolling resistance grows with the speed, and the bound assumes that it does not"
+_LIFTING = "the fork moves the load during the stop"
 _SPRUNG = "the chassis is sprung, and the resulting load oscillation is not modeled"
 
 
@@ -170,6 +172,10 @@ def _left_out(vehicle: VehicleConfiguration, ground: GroundConfiguration) -> str
     """Return the reason why no bound can be computed; empty if a bound can be computed."""
     if len(ground.elevation.table()):
         return _SLOPE
+    if vehicle.passive_losses.speed_growth > 0.0:
+        return _FASTER
+    if vehicle.fork.time:
+        return _LIFTING
     return _SPRUNG if vehicle.suspension.stiffness > 0.0 else ""
 
 

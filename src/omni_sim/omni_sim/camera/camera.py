@@ -106,10 +106,17 @@ class LineCamera:
 
     def _integrate(self, poses: FloatArray) -> Float32Array:
         view, wider = self._seen, self._configuration.widening(self.rise)
-        footprints = self.footprints(poses)
-        return integrate_lines(
-            self._texture, footprints, view.length * wider, view.width * wider, view.pixels
-        )
+        footprints, width = self.footprints(poses), view.width * wider
+        blur = self._configuration.defocus(self.rise) / (view.pixel_pitch * wider)  # [px]
+        if blur == 0.0:
+            return integrate_lines(
+                self._texture, footprints, view.length * wider, width, view.pixels
+            )
+        weights, parts = optics.defocus_weights(blur, view.pixels)
+        count = parts * view.pixels + len(weights) - parts
+        length = view.length * wider * count / (parts * view.pixels)
+        fine = integrate_lines(self._texture, footprints, length, width, count)
+        return optics.defocused(fine, weights, parts)
 
     def _blurred(self, poses: FloatArray, velocities: FloatArray) -> Float32Array:
         """Return the result of `ground`, averaged over the motion during the exposure."""

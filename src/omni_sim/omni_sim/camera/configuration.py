@@ -6,6 +6,9 @@ TELECENTRIC, ORDINARY = "telecentric", "ordinary"
 
 FULL_SCALE = 255.0
 """Largest 8-bit gray level."""
+BLUR_MARGIN = 0.25
+"""Limit on the length of ground beyond the view that contributes to a blurred line, as a share of
+the view [1]."""
 _MOST_WIDENING = 1.25  # limit on the widening of a view by heave of the camera, because of focus
 
 
@@ -33,6 +36,9 @@ class CameraConfiguration(Configuration):
     configured size"""
     height_error: float = parameter(0.0, unit="m", minimum=-10.0, maximum=10.0)
     """Difference between mounting height and working distance"""
+    numerical_aperture: float = parameter(0.0, minimum=0.0, maximum=0.5)
+    """Numerical aperture of the lens on the side of the ground: a ground that is too near or too
+    far is out of focus, and the blur grows with the aperture; 0 for an infinite depth of field"""
     shading: float = parameter(0.0, minimum=0.0, maximum=1.0)
     """Share of the brightness that is lost at each end of a line (shading); the loss is
     proportional to the squared distance from the middle"""
@@ -88,10 +94,25 @@ class CameraConfiguration(Configuration):
         widened = 1.0 + rise / (self.working_distance + self.height_error)
         return min(max(widened, 1.0 / _MOST_WIDENING), _MOST_WIDENING)
 
+    def defocus(self, rise: float) -> float:
+        """Return the standard deviation of the blur on the ground by defocus [m].
+
+        The rays of a point form a disk of the radius ``N.A. |z|`` at the distance z from the focal
+        plane. The blur is a Gaussian with the variance of this disk along a line, ``radius^2 / 4``.
+
+        Args:
+            rise: height of the camera above its mounting height [m].
+        """
+        return 0.5 * self.numerical_aperture * abs(self.height_error + rise)
+
     @property
     def most_widening(self) -> float:
-        """Largest factor that `widening` can return [1]."""
-        return 1.0 if self.lens == TELECENTRIC else _MOST_WIDENING
+        """Largest factor by which a view is longer than configured, by `widening` and defocus [1].
+
+        Defocus needs light from beyond the ends of the view.
+        """
+        widest = 1.0 if self.lens == TELECENTRIC else _MOST_WIDENING
+        return widest if self.numerical_aperture == 0.0 else widest * (1.0 + BLUR_MARGIN)
 
     def check_consistency(self) -> None:
         """Check that the bit depth has an image encoding and that the camera is above the ground.

@@ -1,6 +1,7 @@
 """Optics, dirt, motion blur and faulty pixels of the cameras."""
 
 import dataclasses
+import math
 from collections.abc import Mapping
 
 import numpy as np
@@ -8,12 +9,13 @@ import numpy as np
 from omni_core.configuration import ConfigurationError
 from omni_core.quantities import Float32Array, FloatArray, IntArray
 from omni_core.sensors import LineSensor
-from omni_sim.camera.configuration import FULL_SCALE, CameraConfiguration
+from omni_sim.camera.configuration import BLUR_MARGIN, FULL_SCALE, CameraConfiguration
 
 _SAMPLES_PER_PIXEL = 4  # samples per pixel of motion along the axis in a blurred line
 _SAMPLES_PER_WIDTH = 16  # samples per width of motion across the axis in a blurred line
 _MOST_SAMPLES = 128
 _TAPS = 8  # number of amplifiers that read out a line
+_BLUR_REACH = 4.0  # standard deviations beyond which blur is neglected
 _PENUMBRA = 0.002  # width of the soft edge of a shadow [m]
 
 
@@ -139,6 +141,37 @@ def shade(
     lit = np.clip((place - edge[:, None]) * sensor.length / _PENUMBRA + 0.5, 0.0, 1.0)
     shaded = grays * (1.0 - configuration.shadow * (1.0 - lit)).astype(np.float32)
     return np.asarray(shaded, np.float32)
+
+
+def defocus_weights(blur: float, pixels: int) -> tuple[Float32Array, int]:
+    """Return the weights of the parts of pixels that contribute to a pixel, and parts per pixel.
+
+    The weights are a Gaussian, convolved with the pixel. A part is at most as long as its standard
+    deviation, so sampling changes the modulation transfer function by less than 1e-8. Blur across
+    the axis is neglected, because a pixel is much wider than the blur.
+
+    Args:
+        blur: standard deviation of the blur [px].
+        pixels: number of pixels of a line, which limits the blur.
+    """
+    blur = min(blur, BLUR_MARGIN * pixels / (2.0 * _BLUR_REACH + 1.0))
+    parts = math.ceil(1.0 / blur) if blur < 1.0 else 1
+    reach = math.ceil(_BLUR_REACH * blur * parts)
+    bell = np.exp(-0.5 * (np.arange(-reach, reach + 1) / (blur * parts)) ** 2)
+    weights = np.convolve(bell / bell.sum(), np.full(parts, 1.0 / parts))
+    return weights.astype(np.float32), parts
+
+
+def defocused(fine: Float32Array, weights: Float32Array, parts: int) -> Float32Array:
+    """Return blurred pixels from the gray levels of their parts, shape (m, pixels).
+
+    Args:
+        fine: gray levels of the parts of pixels, which extend beyond the ends of the lines.
+        weights: weights from `defocus_weights`.
+        parts: number of parts per pixel.
+    """
+    windows = np.lib.stride_tricks.sliding_window_view(fine, len(weights), axis=1)[:, ::parts]
+    return np.asarray(windows @ weights, np.float32)
 
 
 def _mud(generator: np.random.Generator, sensor: LineSensor) -> FloatArray:

@@ -4,6 +4,7 @@ import functools
 from collections.abc import Mapping
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from omni_core import geometry, quantities
 from omni_core.brakes import BrakeConfiguration
@@ -74,6 +75,8 @@ class VehicleConfiguration(Configuration):
     """Mass of the chassis including wheels and drives"""
     load: loads.MassConfiguration = section(lambda: loads.MassConfiguration(mass=0.0, height=0.0))
     """Movable load"""
+    fork: loads.ForkConfiguration = section(loads.ForkConfiguration)
+    """Fork that lifts the load during a run"""
     tire: TireConfiguration = section(TireConfiguration)
     """Tire of every wheel"""
     wheel_model: str = parameter("single", choices=("single", "rollers", "mujoco"))
@@ -122,6 +125,14 @@ class VehicleConfiguration(Configuration):
     def masses(self) -> loads.MassProperties:
         """Mass properties of body and load together."""
         return loads.MassProperties.of(self.body, self.load)
+
+    def height_at(self, time: ArrayLike) -> quantities.FloatArray:
+        """Return the height of the center of gravity of body and load [m] at times [s]."""
+        lifted = np.zeros(np.shape(time))
+        if self.fork.time:
+            height = np.interp(np.asarray(time), self.fork.time, self.fork.height)
+            lifted = self.load.mass / self.masses.mass * (height - self.load.height)
+        return np.asarray(self.masses.height + lifted)
 
     @property
     def has_conventional_wheels(self) -> bool:
@@ -174,6 +185,7 @@ class VehicleConfiguration(Configuration):
             "suspension.stiffness": self.suspension.stiffness > 0.0,
             "passive_losses": self.passive_losses.active,
             "brake.kind": self.brake.is_ramped,
+            "fork": bool(self.fork.time),
         }
         for place in (place for place, used in lacking.items() if used):
             if self.wheel_model == "mujoco":

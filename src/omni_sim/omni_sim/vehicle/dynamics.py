@@ -110,7 +110,7 @@ def advance(
         yaw = body.yaw + 0.5 * dt * body.yaw_rate
         cos, sin = math.cos(yaw), math.sin(yaw)
 
-        state.counters[0].tipping_steps += _carry(state, body, pressing, (pull[0], pull[1]))
+        state.counters[0].tipping_steps += _carry(state, body, pressing, pull, control.height)
 
         ahead_x, ahead_y = body.v_x + push * other[0], body.v_y + push * other[1]
         ahead = (
@@ -157,20 +157,24 @@ def _steered(
 
 
 @lean_inline
-def _carry(state: layout.State, body: layout.Record, pressing: float, pull: Pair) -> bool:
+def _carry(
+    state: layout.State, body: layout.Record, pressing: float, pull: Triple, height: float
+) -> bool:
     """Write the wheel loads to `state`; return whether fewer than three wheels carry load.
 
     Args:
         state: state of the vehicle.
         body: `state.BODY`.
         pressing: normal force of the vehicle on the ground, divided by its mass [m/s^2].
-        pull: force of the wheels in the body frame [N].
+        pull: force [N] and moment of the wheels in the body frame.
+        height: height of the center of gravity [m].
     """
     plant = state.plant
     weight = plant.mass * max(pressing, 0.0)
     if state.suspension.stiffness > 0.0:
-        return sprung_loads(plant, state.suspension, state.wheels, weight, pull, state.loads)
-    reach = -plant.height / max(pressing, _LEAST_PRESSING)
+        tilting = (height * pull[0], height * pull[1])
+        return sprung_loads(plant, state.suspension, state.wheels, weight, tilting, state.loads)
+    reach = -height / max(pressing, _LEAST_PRESSING)
     z_x, z_y = reach * body.a_x, reach * body.a_y
     return wheel_loads(plant.position, plant.plane, plant.hull, weight, z_x, z_y, state.loads)
 
@@ -351,7 +355,8 @@ def _resist(state: layout.State, body: layout.Record, step: Step, loads: FloatAr
         coming = loss.u_x * step.ahead[0] + loss.u_y * step.ahead[1] + loss.moment * step.ahead[2]
         now = loss.u_x * v_x + loss.u_y * v_y + loss.moment * rate
         coming, now = coming - lever * spin, now - lever * speed - turned
-        most = (losses.constant + losses.growing * loads[i]) * loads[i]
+        share = losses.constant + losses.growing * loads[i] + losses.quadratic * now * now
+        most = share * loads[i]
         mobility = dt * loss.mobility
         force = passive_force(coming, now, wheel.passive, mobility, most, losses.inertia, dt)
         wheel.passive = force

@@ -23,7 +23,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from omni_core.configuration import Configuration, parameter
+from omni_core.configuration import Configuration, ConfigurationError, parameter
 from omni_core.kernels import lean
 from omni_core.quantities import LARGEST_OFFSET, FloatArray, IntArray
 from omni_sim.vehicle.lifted_wheels import stand_on_edge, stand_on_some, stand_on_triangle
@@ -45,6 +45,31 @@ class MassConfiguration(Configuration):
     """Height of the center of gravity above the ground"""
     yaw_inertia: float = parameter(0.0, unit="kg m^2", minimum=0.0, maximum=1.0e9)
     """Moment of inertia about the vertical axis through the mass's own center of gravity"""
+
+
+class ForkConfiguration(Configuration):
+    """Height of the load over time on a fork that lifts (Appendix A), interpolated linearly.
+
+    A lift is slow, so the inertial force of the vertical motion is neglected, as is the change of
+    pitch and roll inertia.
+    """
+
+    time: tuple[float, ...] = parameter((), unit="s", minimum=0.0, maximum=3600.0)
+    """Times of the rows, in increasing order"""
+    height: tuple[float, ...] = parameter((), unit="m", minimum=0.0, maximum=20.0)
+    """Height of the load's center of gravity above the ground, which replaces `load.height`"""
+
+    def check_consistency(self) -> None:
+        """Check that the table is valid.
+
+        Raises:
+            ConfigurationError: the columns differ in length, or the times do not increase.
+        """
+        if len(self.time) != len(self.height):
+            rows = f"has {len(self.height)} rows but must have {len(self.time)}, like time"
+            raise ConfigurationError("height", rows)
+        if np.any(np.diff(self.time) <= 0.0):
+            raise ConfigurationError("time", "must increase from row to row")
 
 
 @dataclasses.dataclass(frozen=True)

@@ -40,7 +40,6 @@ def build_plant(
         mass=masses.mass,
         yaw_inertia=masses.yaw_inertia,
         center=(float(masses.center[0]), float(masses.center[1])),
-        height=masses.height,
         filter_share=physics_step / (physics_step + configuration.load_transfer_time),
         contact=structured(state.CONTACT, lever, geometry.active, moment, rim),
         radius=geometry.radius,
@@ -84,7 +83,7 @@ def build_losses(
     """
     losses = configuration.passive_losses
     if not losses.active or configuration.wheel_model == "rollers":
-        return plant, state.Losses(np.zeros(0, state.LOSS), 0.0, 0.0, 0.0)
+        return plant, state.Losses(np.zeros(0, state.LOSS), 0.0, 0.0, 0.0, 0.0)
     geometry, masses = PlatformKinematics.of(configuration.wheels).geometry, configuration.masses
     lever = geometry.position - masses.center
     moment = cross(lever, geometry.passive)
@@ -101,9 +100,8 @@ def build_losses(
     mobility = mobilities[0].sum(axis=1) + mobilities[1].sum(axis=1)
     mobility += own * (active_rim + np.abs(rim))
     constants = structured(state.LOSS, geometry.passive, moment, rim, mobility)
-    return plant._replace(mobility=coupled), state.Losses(
-        constants, losses.constant_share, losses.growing_share, losses.inertia
-    )
+    shares = losses.constant_share, losses.growing_share, losses.inertia, losses.speed_growth
+    return plant._replace(mobility=coupled), state.Losses(constants, *shares)
 
 
 def build_rollers(configuration: VehicleConfiguration) -> state.Rollers | None:
@@ -123,6 +121,7 @@ def build_rollers(configuration: VehicleConfiguration) -> state.Rollers | None:
         overlap=rollers.overlap,
         constant=configuration.passive_losses.constant_share,
         growing=configuration.passive_losses.growing_share,
+        quadratic=configuration.passive_losses.speed_growth,
         state=np.zeros((n, rollers.count), state.ROLLER),
         push=np.zeros((n, 3)),
     )

@@ -172,7 +172,7 @@ def _step_contact(
         hub_x * n_x + hub_y * n_y - mobility * roller.f_a,
         hub_x * p_x + hub_y * p_y - mobility * roller.f_p,
     )
-    turned = _slowed(rollers, roller, touch.load, plant.dt * spin_lever / rollers.inertia)
+    turned = _slowed(rollers, roller, touch.load, plant.dt, spin_lever)
     deflection, direction = (roller.e_a, roller.e_p), (roller.q_a, roller.q_p)
     after = roller_step(
         TireConstants(rollers.stiffness, rollers.damping, plant.dt),
@@ -192,18 +192,22 @@ def _step_contact(
 
 
 @lean_inline
-def _slowed(rollers: Rollers, roller: Record, load: float, turn: float) -> float:
+def _slowed(rollers: Rollers, roller: Record, load: float, dt: float, spin_lever: float) -> float:
     """Return a roller's spin after a step of dry friction, which can bring it to rest [rad/s].
 
     Args:
         rollers: constants of the friction.
         roller: state of the roller.
         load: load of the roller [N].
-        turn: change of spin in a step per force across the axis [rad/s/N].
+        dt: length of the step [s].
+        spin_lever: ratio of the speed of the roller's surface to its spin [m].
     """
     spin: float = roller.spin
+    turn = dt * spin_lever / rollers.inertia  # change of spin in a step per force [rad/s/N]
     free: float = spin - turn * roller.f_p
-    slowed = turn * (rollers.constant + rollers.growing * load) * load
+    surface = spin_lever * spin
+    share = rollers.constant + rollers.growing * load + rollers.quadratic * surface * surface
+    slowed = turn * share * load
     return spin - min(max(free, -slowed), slowed)
 
 

@@ -117,7 +117,6 @@ class Plant(NamedTuple):
         mass: mass m of the vehicle [kg].
         yaw_inertia: moment of inertia J about the center of gravity [kg m^2].
         center: center of gravity in the body frame [m].
-        height: height of the center of gravity [m].
         filter_share: weight of the newest acceleration in the low-pass filter [1].
         contact: nominal contacts of the wheels, `CONTACT`, shape (N,).
         radius: radius of the unloaded wheels [m], shape (N,).
@@ -151,7 +150,6 @@ class Plant(NamedTuple):
     mass: float
     yaw_inertia: float
     center: Pair
-    height: float
     filter_share: float
     contact: Structured
     radius: FloatArray
@@ -187,12 +185,14 @@ class Losses(NamedTuple):
         constant: ratio of friction to load at a small load [1].
         growing: increase of this ratio per unit of load, Eq. (19) [1/N].
         inertia: moment of inertia of a roller divided by its squared radius [kg].
+        quadratic: increase of the ratio per squared speed of the roller's surface [s^2/m^2].
     """
 
     wheel: Structured
     constant: float
     growing: float
     inertia: float
+    quadratic: float
 
 
 class Rollers(NamedTuple):
@@ -206,6 +206,7 @@ class Rollers(NamedTuple):
         overlap: overlap of neighboring rollers, `RollerConfiguration.overlap` [1].
         constant: friction force at a roller's surface divided by the load, at a small load [1].
         growing: increase of this ratio per unit of load, Eq. (19) [1/N].
+        quadratic: increase of the ratio per squared speed of the roller's surface [s^2/m^2].
         state: state of the n rollers of each wheel, `ROLLER`, shape (N, n).
         push: force [N] and moment about the center of gravity [N m] of each wheel in the last step,
             body frame, shape (N, 3).
@@ -218,6 +219,7 @@ class Rollers(NamedTuple):
     overlap: float
     constant: float
     growing: float
+    quadratic: float
     state: Structured
     push: FloatArray
 
@@ -318,6 +320,7 @@ class Control(NamedTuple):
             turns.
         force_x: constant force at the center of gravity along x of the world [N].
         force_y: constant force at the center of gravity along y of the world [N].
+        height: height of the center of gravity [m].
     """
 
     brake: float
@@ -327,6 +330,7 @@ class Control(NamedTuple):
     in_world: bool
     force_x: float
     force_y: float
+    height: float
 
 
 class Step(NamedTuple):

@@ -122,7 +122,7 @@ def sprung_loads(
     suspension: Suspension,
     wheels: Structured,
     weight: float,
-    pull: tuple[float, float],
+    tilting: tuple[float, float],
     loads: FloatArray,
 ) -> bool:
     """Advance the chassis on its springs by one step, and write the wheel loads.
@@ -132,14 +132,15 @@ def sprung_loads(
         suspension: springs and state of the chassis, changed in place.
         wheels: `state.WHEEL`, shape (N,).
         weight: weight on the ground [N].
-        pull: force of the wheels along the ground in the body frame [N].
+        tilting: force of the wheels along the ground in the body frame, times the height of the
+            center of gravity [N m].
         loads: output, the wheel loads [N], shape (N,).
 
     Returns:
         Whether fewer than three wheels carry load.
     """
     chassis, dt = suspension.chassis[0], plant.dt
-    lift, nose, side = -weight, plant.height * pull[0], plant.height * pull[1]
+    lift, nose, side = -weight, tilting[0], tilting[1]
     carrying = 0
     for i in range(wheels.shape[0]):
         x, y = plant.position[i, 0], plant.position[i, 1]

@@ -53,6 +53,7 @@ class Vehicle:
         masses: body and load together.
         physics_step: length of a step [s].
         state: state of the kernels, not a copy; changed by `advance` and `place`.
+        height: present height of the center of gravity [m]; `lift` changes it.
         tipping: whether fewer than three wheels carried the vehicle in any step of the last call of
             `advance`.
     """
@@ -104,6 +105,7 @@ class Vehicle:
             wheel_angle = np.full(n, wheel_angle)
         self._start_angle = _finite("wheel angle", wheel_angle, (n,))
         self._force = np.zeros(2)
+        self.lift(0.0)
         self.place(pose, twist)
 
     def _build_state(
@@ -162,6 +164,10 @@ class Vehicle:
         self.state.pressure.open[:] = np.where(begun, faults.by_wheel("open_valve"), 0.0)
         stuck = faults.brake.max_torque * faults.by_wheel("stuck_brake")
         self.state.pressure.stuck[:] = np.where(begun, stuck, 0.0)
+
+    def lift(self, time: float) -> None:
+        """Move the fork to its position at a time [s] of a run."""
+        self.height = float(self.configuration.height_at(time))
 
     def place(self, pose: ArrayLike, twist: ArrayLike) -> None:
         """Place the vehicle with undeflected tires and wheels that roll without slip at a twist.
@@ -250,6 +256,7 @@ class Vehicle:
             in_world=bool(hold_world),
             force_x=float(self._force[0]),
             force_y=float(self._force[1]),
+            height=self.height,
         )
 
     @property

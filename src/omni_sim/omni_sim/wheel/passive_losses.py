@@ -12,12 +12,13 @@ or if the wheels of a Mecanum platform roll straight ahead, no roller turns and 
 The force ``f`` along ``u_w`` acts on the vehicle at the wheel, and the torque ``-r_D (u_w . u_i)
 f`` acts on the spin of the wheel:
 
-    f = -(f_r + f_b + C F_z / D sqrt(h_t / w_t)) F_z sign(w) - m_r / 2 dw/dt
+    f = -(f_r + f_b + f_2 w^2 + C F_z / D sqrt(h_t / w_t)) F_z sign(w) - m_r / 2 dw/dt
 
 ``F_z`` is the wheel load and ``m_r`` the mass of the roller. ``f_r`` and ``f_b`` are the constant
-ratios of rolling resistance and bearing friction to the load. The remaining symbols belong to the
-part of Eq. (19) that grows with the load: ``C`` is the elasticity of the tread, ``D`` the diameter
-of the roller, and ``h_t`` and ``w_t`` are the height and the width of the tread. Rolling
+ratios of rolling resistance and bearing friction to the load, and ``f_2`` is the growth of this
+ratio with the square of the speed, to which section 2.4.2 refers. The remaining symbols belong to
+the part of Eq. (19) that grows with the load: ``C`` is the elasticity of the tread, ``D`` the
+diameter of the roller, and ``h_t`` and ``w_t`` are the height and the width of the tread. Rolling
 resistance and bearing friction hold a roller at rest up to the same force. The roller is a solid
 cylinder, ``I = m_r r^2 / 2``, so its radius does not matter. The model neglects the acceleration of
 a roller that comes into contact, and the rolling resistance of the wheel as a whole. Individual
@@ -37,6 +38,9 @@ class PassiveLossConfiguration(Configuration):
     rolling_resistance: float = parameter(0.0, minimum=0.0, maximum=1.0)
     """Ratio of the rollers' rolling resistance to the load, at a small load; about 0.015 for car
     tires on concrete"""
+    speed_growth: float = parameter(0.0, unit="s^2/m^2", minimum=0.0, maximum=1.0)
+    """Growth of the ratio of rolling resistance to load with the square of the speed of the
+    roller's surface"""
     elasticity: float = parameter(0.0, unit="m/N", minimum=0.0, maximum=1.0e-3)
     """C of Eq. (19), elasticity of the tread; the ratio of resistance to load grows in proportion
     to C and to the load"""
@@ -67,7 +71,8 @@ class PassiveLossConfiguration(Configuration):
     @property
     def active(self) -> bool:
         """Whether any loss is configured."""
-        return max(self.constant_share, self.growing_share, self.inertia) > 0.0
+        shares = self.constant_share, self.speed_growth, self.growing_share
+        return max(*shares, self.inertia) > 0.0
 
 
 @lean

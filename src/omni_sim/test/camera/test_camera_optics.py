@@ -135,3 +135,33 @@ def test_presets_are_those_of_table_3(
     for sensor in sensors:
         assert (sensor.pixels, sensor.line_rate, sensor.length) == (pixels, line_rate, 0.05)
         assert sensor.width / sensor.length == pytest.approx(shape_factor, abs=0.0025)
+
+
+@pytest.mark.parametrize("blur_px", [0.3, 1.0, 4.0])
+@pytest.mark.parametrize("period_px", [6.0, 16.0])
+def test_defocus_has_the_transfer_function_of_a_gaussian(blur_px: float, period_px: float) -> None:
+    """A sine of the wavelength L loses contrast by exp(-2 (pi s / L)^2), besides the pixel's sinc.
+
+    The telecentric view keeps its length: the phase of the sine does not change at either end.
+    """
+    sensor = dataclasses.replace(SENSOR, x=0.0, y=0.0, heading_deg=0.0, pixels=200, length=0.025)
+    period = period_px * sensor.pixel_pitch
+    waves = round(SIZE / period)
+    assert waves * period == pytest.approx(SIZE, rel=0.05)
+    columns = 128.0 + 100.0 * np.sin(2.0 * np.pi * waves * np.arange(4096) / 4096)
+    sine = GroundTexture(np.tile(np.rint(columns).astype(np.uint8), (4096, 1)), SIZE)
+    aperture, height = 0.2, blur_px * sensor.pixel_pitch / 0.1
+    sharp, blurred = (
+        camera(sine, sensor, numerical_aperture=aperture, height_error=error).grays(
+            np.zeros((1, 3))
+        )
+        for error in (0.0, height)
+    )
+    expected = math.exp(-2.0 * (math.pi * blur_px * sensor.pixel_pitch * waves / SIZE) ** 2)
+    assert np.ptp(sharp) > 150.0
+    np.testing.assert_allclose(blurred - 128.0, expected * (sharp - 128.0), atol=0.6)
+
+
+def test_a_lens_in_focus_or_without_aperture_renders_the_same_bits() -> None:
+    for values in ({"numerical_aperture": 0.1}, {"height_error": 0.01}):
+        np.testing.assert_array_equal(camera(**values).grays(POSE), camera().grays(POSE))

@@ -96,6 +96,29 @@ def test_vehicle_coasting_sideways_is_slowed_by_its_rollers(forklift: VehicleCon
     assert np.max(np.abs(vehicle.twist[[0, 2]])) < 1e-6
 
 
+@pytest.mark.parametrize("model", ["single", "rollers"])
+def test_resistance_that_grows_with_the_square_of_the_speed_slows_in_closed_form(
+    model: str, forklift: VehicleConfiguration
+) -> None:
+    """From dv/dt = -k v^2 follows v = v_0 / (1 + k v_0 t).
+
+    Sideways, the rollers of a Mecanum wheel roll sqrt(2) times as fast, and each resists by
+    f_2 w^2 F_z along them, so the part in the direction of motion is 2 sqrt(2) f_2 v^2 F_z.
+    """
+    growth, speed = 0.03, 3.0
+    configuration = dataclasses.replace(
+        losing(forklift, PassiveLossConfiguration(speed_growth=growth)), wheel_model=model
+    )
+    vehicle = Vehicle(configuration, twist=(0.0, speed, 0.0))
+    assert configuration.passive_losses.active
+    rate = math.sqrt(8.0) * growth * vehicle.masses.mass * GRAVITY / inertia_sideways(vehicle)
+    vehicle.advance(1000, 1.0, OFF, NO_COMMAND)
+    expected = speed / (1.0 + rate * speed * 0.5)
+    assert expected < 0.5 * speed
+    tolerance = 0.005 if model == "single" else 0.05  # the contact moves along each roller
+    assert vehicle.twist[1] == pytest.approx(expected, rel=tolerance)
+
+
 def test_robot_loses_by_what_each_wheel_moves_across(robot: VehicleConfiguration) -> None:
     losses = PassiveLossConfiguration(rolling_resistance=0.02)
     middle = MassConfiguration(mass=500.0, height=0.1, yaw_inertia=45.0)

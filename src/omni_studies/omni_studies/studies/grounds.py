@@ -45,6 +45,8 @@ CASES = {
 
 _SPEED, _ANGLE = 20.0, math.radians(45.0)
 _VIEW = View()
+_RESOLUTIONS = (1024, 512, 256, 128)  # px, of section 4.5.1
+_PAIRS_PER_RESOLUTION = 200
 _PROMINENCE = 0.1  # lower limit on the depth of a minimum, as a share of the curve's range
 
 _DISTANCES: Mapping[str, Callable[[FloatArray, FloatArray], float]] = {
@@ -138,6 +140,25 @@ class _CorrelationOptions(LineOptions):
     noise: float = line_options.noise_option(5.0)
 
 
+def resolution_metrics(kind: str, options: LineOptions) -> dict[str, Metric]:
+    """Return the errors in the same motions of views that differ only in the number of pixels.
+
+    Args:
+        kind: kind of the ground.
+        options: metric, line pairs, noise and seed.
+    """
+    metrics: dict[str, Metric] = {}
+    for pixels in _RESOLUTIONS:
+        view, generator = View(pixels=pixels), np.random.default_rng(options.seed)
+        pairs = range(_PAIRS_PER_RESOLUTION)
+        poses = np.concatenate([path(view, _SPEED, _ANGLE, 2, generator) for _ in pairs])
+        lines = camera(view, ground(kind, options.texels), options.noise, options.seed)
+        found = every_second(match(view, poses, lines.lines(poses, 0), options.metric))
+        error = 1e3 * view.pitch * float(np.median(np.abs(found.error)))
+        metrics[f"resolution_error.{kind}_{pixels}"] = Metric(error, "mm", note="median")
+    return metrics
+
+
 def _correlation_functions(options: LineOptions, study: StudyRun) -> StudyResult:
     """Evaluate the distance measures; write figure, data and metrics."""
     curves: dict[str, list[Curve]] = {}
@@ -161,6 +182,7 @@ def _correlation_functions(options: LineOptions, study: StudyRun) -> StudyResult
             f"right_share.{kind}": Metric(float(np.mean(error <= 1.5)), "1"),
             f"median_error_px.{kind}": Metric(float(np.median(error)), "1", note="pixels"),
         }
+        metrics |= resolution_metrics(kind, options)
     study.plot("figure_68", _draw_distances(curves, options.metric))
     return study.result(metrics)
 

@@ -8,6 +8,10 @@ are correct. The highest speed is the speed at 60 % overlap if the simulation co
 ground. The study also reports the share of correct medians at this speed on difficult grounds, and
 the share of usable pairs on all grounds.
 
+Table 3 also lists the pixel clocks, from which the line rate follows as clock / pixels. According
+to the table, the height of the image of the LIS-770i has five steps; it gives only the largest. The
+study computes width and speed of the view for five equal steps.
+
 The whole odometry is then tested with three cameras of each type at their highest speed, in forward
 and in sideways motion.
 """
@@ -52,6 +56,23 @@ _PRESETS = {
     "lis770i": _Preset("lis_770i", "LIS-770i", 3.0, 0.15),
     "s3901": _Preset("s3901", "S3901", 120.0, 0.39),
 }
+
+
+class _Mode(NamedTuple):
+    """A mode of a sensor in Table 3: pixel clock [Hz], pixels and frame rate [1/s]."""
+
+    clock: float
+    pixels: int
+    frame_rate: float
+
+
+_MODES = {
+    "lis770i": _Mode(1e6, 335, 2985.0),
+    "lis770i_full": _Mode(1e6, 770, 1300.0),
+    "s3901": _Mode(2e6, 128, 15600.0),
+}
+_IMAGE = (6006e-6, 312.5e-6)  # length and largest height of the image of the LIS-770i [m], Table 3
+_HEIGHTS = 5
 _SHARES = np.arange(0.2, 2.301, 0.05)  # tested speeds relative to the computed speed
 _SECOND = "lis_770i_full"  # mode of Table 3
 _DIRECTIONS = {"ahead": (1.0, 0.0, 0.0), "sideways": (0.0, 1.0, 0.0)}
@@ -108,10 +129,35 @@ def run(options: Options, study: StudyRun) -> StudyResult:
     for ground, texture in grounds.items():
         for name, sensor in sensors.items():
             metrics |= _driven(f"{name}_{ground}", sensor, texture, options)
+    metrics |= clock_metrics() | height_metrics(sensors["lis770i"])
     full = study.experiments.camera(_SECOND).sideways_speed
     metrics["computed_speed.lis770i_full"] = Metric(full, "m/s", note="770 px at 1300 lines/s")
     study.figure("sensor_presets.png", draw_speed_limits(tried, options.needed))
     return study.result(metrics)
+
+
+def clock_metrics() -> dict[str, Metric]:
+    """Return the line rates that follow from the pixel clocks, with those of Table 3."""
+    return {
+        f"clocked_line_rate.{name}": Metric(mode.clock / mode.pixels, "1/s", mode.frame_rate)
+        for name, mode in _MODES.items()
+    }
+
+
+def height_metrics(sensor: LineSensor) -> dict[str, Metric]:
+    """Return width of the view and speed at 60 % overlap for each height of the LIS-770i's image.
+
+    Args:
+        sensor: camera with this image sensor, whose optics are not changed.
+    """
+    scale = sensor.length / _IMAGE[0]
+    metrics: dict[str, Metric] = {}
+    for step in range(1, _HEIGHTS + 1):
+        view = dataclasses.replace(sensor, width=scale * _IMAGE[1] * step / _HEIGHTS)
+        note = "five equal steps are an assumption; the text gives the largest"
+        metrics[f"height_width.step_{step}"] = Metric(1e3 * view.width, "mm", note=note)
+        metrics[f"height_speed.step_{step}"] = Metric(view.sideways_speed, "m/s", note=note)
+    return metrics
 
 
 def _speeds(

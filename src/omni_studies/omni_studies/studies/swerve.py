@@ -4,9 +4,14 @@ A simulated vehicle slides straight ahead on locked wheels, first with its load 
 then with its load at the configured position. The study draws the wheel forces. It also draws the
 manifold of section 3.4: the weighting functions (Figure 28), and the wheels that may brake as a
 function of sideways velocity and yaw rate.
+
+Section 3.7 names wheels of different roller angles as a cause of rotation. The study simulates the
+stop of the experiment straight_line with one wheel whose angle differs, in the vehicle or only in
+the assistant's parameters.
 """
 
 import dataclasses
+import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -20,8 +25,10 @@ from omni_brake_assist.weighting import weighting_function
 from omni_core.configuration import Configuration, parameter
 from omni_core.geometry import PlatformGeometry, cross
 from omni_core.quantities import FloatArray, plain
+from omni_runs.experiment import WITHOUT_CAMERAS
 from omni_runs.figures import style
 from omni_runs.figures.scene import Scene, ahead_up
+from omni_runs.loop import run_closed_loop
 from omni_runs.metrics import Metric
 from omni_sim.vehicle.configuration import VehicleConfiguration
 from omni_sim.vehicle.vehicle import Vehicle
@@ -32,6 +39,9 @@ _TITLES = {
     "even": "load in the middle: forces cancel",
     "uneven": "configured load: forces do not cancel",
 }
+
+
+_ANGLE_ERRORS = (0.0, 5.0, 10.0, -10.0)  # deg
 
 
 class Options(Configuration):
@@ -103,10 +113,36 @@ def run(options: Options, study: StudyRun) -> StudyResult:
             ("enhanced, k = 1: shorter stop", "enhanced", 1),
         )
     }
+    metrics |= roller_angle_metrics(study, options.vehicle)
     study.figure("forces.png", _draw_forces(wheels))
     study.figure("weighting.png", weighting_functions())
     study.figure("manifold.png", _draw_manifold(manifolds, options.speed))
     return study.result(metrics)
+
+
+def roller_angle_metrics(study: StudyRun, vehicle: str) -> dict[str, Metric]:
+    """Return the rotation in stops with a wheel whose roller angle differs or is wrongly known.
+
+    Args:
+        study: the run of the study, which gives the experiment.
+        vehicle: vehicle, whose first wheel has the angle.
+    """
+    name, mount = next(iter(study.experiments.vehicle(vehicle).wheels.items()))
+    metrics: dict[str, Metric] = {}
+    for error in _ANGLE_ERRORS:
+        angle = f"wheels.{name}.roller_angle_deg={mount.roller_angle_deg + error}"
+        known, own = f"brake_assist.{angle}", f"vehicle.{angle}"
+        for case, variant, changes in (
+            ("unassisted", "unassisted", (own, known)),
+            ("unequal", "assisted", (own, known)),
+            ("wrong", "assisted", (known,)),
+        ):
+            overrides = (f"vehicle={vehicle}", *WITHOUT_CAMERAS, *changes)
+            history = run_closed_loop(study.experiments.load("straight_line", variant, overrides))
+            turned = math.degrees(abs(float(history.pose[-1, 2] - history.pose[0, 2])))
+            sign = "minus" if error < 0.0 else "plus"
+            metrics[f"rotation.{case}_{sign}_{abs(error):.0f}"] = Metric(turned, "deg")
+    return metrics
 
 
 def _with_load_in_the_middle(vehicle: VehicleConfiguration) -> VehicleConfiguration:

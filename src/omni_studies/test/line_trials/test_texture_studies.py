@@ -84,6 +84,11 @@ def test_presets_reach_the_speeds_of_table_4(
         assert metrics[f"usable_share.{name}_brick"] > 0.9
         assert metrics[f"right_median_share.{name}_brick"] > 0.9
     assert metrics["computed_speed.lis770i_full"] == pytest.approx(1.3)
+    for name, rate in (("lis770i", 2985.0), ("lis770i_full", 1300.0), ("s3901", 15600.0)):
+        assert metrics[f"clocked_line_rate.{name}"] == pytest.approx(rate, rel=0.005)
+    # Table 4 rounds the width of the view with the largest height, 312.5 / 6006 of 50 mm.
+    assert metrics["height_width.step_5"] == pytest.approx(2.6, rel=0.005)
+    assert metrics["height_speed.step_2"] == pytest.approx(0.4 * 1.04e-3 * 2985.0, rel=0.005)
 
 
 def test_surfaces_are_written_with_every_shape(

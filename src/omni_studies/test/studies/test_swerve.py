@@ -21,7 +21,7 @@ def test_an_even_load_slides_straight_and_an_uneven_one_turns_to_it(tmp_path: Pa
     assert value["side_force.even"] == pytest.approx(0.0, abs=1e-6)
     assert value["yaw_moment.even"] == pytest.approx(0.0, abs=1e-6)
     assert value["yaw_moment.uneven"] > 500.0  # the load is to the front left
-    assert [claim.found.status for claim in result.claims] == ["met"]
+    assert [claim.found.status for claim in result.claims] == ["met"] * 3
     figures = [path for path in result.files if path.suffix == ".png"]
     assert all(path.stat().st_size > 10_000 for path in figures)
 

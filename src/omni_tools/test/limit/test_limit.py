@@ -23,8 +23,9 @@ from omni_runs.limit.forces import Case, LimitVehicle, farthest
 from omni_sim.configuration import GroundConfiguration
 from omni_sim.ground.friction import FrictionPatch
 from omni_sim.vehicle.configuration import VehicleConfiguration
-from omni_sim.vehicle.loads import MassConfiguration, load_plane
+from omni_sim.vehicle.loads import ForkConfiguration, MassConfiguration, load_plane
 from omni_sim.vehicle.suspension import SuspensionConfiguration
+from omni_sim.wheel.passive_losses import PassiveLossConfiguration
 
 ROOT = Path(__file__).parents[4]
 FLAT = GroundConfiguration()
@@ -73,6 +74,20 @@ def test_a_sprung_chassis_has_no_bound_and_says_why(forklift: VehicleConfigurati
         bound = bound_of(sprung, FLAT, _moving(10.0))
         assert math.isnan(bound.distance)
         assert "sprung" in bound.reason
+
+
+def test_losses_that_grow_with_the_speed_have_no_bound(forklift: VehicleConfiguration) -> None:
+    losses = PassiveLossConfiguration(speed_growth=1e-4)
+    lossy = dataclasses.replace(forklift, passive_losses=losses)
+    for bound_of in (straight_bound, any_heading_bound):
+        assert "grows with the speed" in bound_of(lossy, FLAT, _moving(10.0)).reason
+
+
+def test_a_moving_fork_has_no_bound(forklift: VehicleConfiguration) -> None:
+    lifting = dataclasses.replace(
+        forklift, fork=ForkConfiguration(time=(0.0, 1.0), height=(0.5, 1.5))
+    )
+    assert "fork" in straight_bound(lifting, FLAT, _moving(10.0)).reason
 
 
 def test_straight_line_has_the_known_bound(forklift: VehicleConfiguration) -> None:
