@@ -29,7 +29,7 @@ from typing import Any
 
 import numpy as np
 
-from omni_brake_assist import assist_state, assist_step, conditions, fail_safe
+from omni_brake_assist import assist_state, assist_step, conditions, fail_safe, valves
 from omni_brake_assist.assist_state import Inputs, LawCall
 from omni_brake_assist.conditions import CONDITIONS, GOOD, UNREADABLE, AssistState, Decision, Fault
 from omni_brake_assist.configuration import BrakeAssistConfiguration
@@ -330,7 +330,7 @@ class BrakeAssist:
         elapsed = max(self._stamp_ns - int(memory.step["switched_ns"][0]), 0)
         memory.step["switched_ns"] = self._stamp_ns
         memory.commanded[:] = 1.0
-        assist_step.open_valves(memory.valves, self._constants.dwell, float(elapsed))
+        valves.open_valves(memory.valves, self._constants.dwell, float(elapsed))
         ones, zeros = np.ones(self._wheels), np.zeros(self._wheels)
         return Decision(self._stamp_ns, ones, zeros, fault.state, fault.reason, fault)
 

@@ -193,9 +193,6 @@ class Configuration:
     def __post_init__(self) -> None:
         for name, kind, info in declared_parameters(type(self)):
             value = getattr(self, name)
-            plain = type(value) is kind and kind is not int and info.choices is None
-            if plain and not (kind is float and _is_outside(value, info)):
-                continue  # most values of most configurations
             if without_none(kind) is float and type(value) is int:
                 value = _convert(value, float, name)  # an integer such as 1 is accepted as 1.0
                 object.__setattr__(self, name, value)
@@ -425,20 +422,15 @@ def _check_range(name: str, value: float, info: ParameterInfo) -> None:
         )
     if not math.isfinite(value):
         raise ConfigurationError(name, f"{value}{unit} is not a finite number")
-    if _is_outside(value, info):
+    outside = (
+        (info.minimum is not None and value < info.minimum)
+        or (info.maximum is not None and value > info.maximum)
+        or (info.above is not None and value <= info.above)
+    )
+    if outside:
         raise ConfigurationError(
             name, f"{value:.15g}{unit} is out of range, must be {info.bounds_in_words()}"
         )
-
-
-def _is_outside(value: float, info: ParameterInfo) -> bool:
-    """Return whether a number is not finite, or out of its range."""
-    return not (
-        math.isfinite(value)
-        and (info.minimum is None or value >= info.minimum)
-        and (info.maximum is None or value <= info.maximum)
-        and (info.above is None or value > info.above)
-    )
 
 
 def _described(value: Any) -> str:

@@ -21,7 +21,6 @@ _FEWEST = 7.5  # smallest number of independent moving features; a shadow's edge
 _TWO_MOTIONS = 0.25  # px; limit on `Fit.difference`; a larger difference indicates two motions
 _LEAST_CONTRAST = 0.03  # gradient energy over noise; below it, wood may match another motion
 _SHIFTED = 3 * candidates.APART  # px within a batch; beyond it, ground and pattern can be separated
-_CERTAIN = 4.0  # standard deviations by which a shift must exceed the width of a peak
 _DARKEST = 0.1  # gray level that is added before the logarithm, relative to the mean gray level
 
 
@@ -208,17 +207,14 @@ def _estimate(
     if not moves and not math.isfinite(variance):
         variance = fit.white  # at rest all lines are equal, so few features suffice
     flaw = _flaw(fit, variance, moves, abs(d) * (layout.lines - 1))
-    if moves and not flaw:
-        variance += scatter(view.remainder, layout, d, (candidates.LIKELY, candidates.RATIO))
-    # Only a shift that is certain separates the ground from the pattern.
-    uncertain = _CERTAIN * math.sqrt(variance) * (layout.lines - 1)
-    if parted and not flaw and abs(d) * (layout.lines - 1) - uncertain > candidates.APART:
+    if parted and not flaw:
         # The weight of earlier batches decays exponentially.
         kept = np.float32(max(1.0 - (layout.lines - 1) * camera.fading, 0.0))
         pattern = spectra.FixedPattern(
             pattern.information * kept + batch.information,
             pattern.precision * kept + batch.precision,
         )
+        variance += scatter(view.remainder, layout, d, (candidates.LIKELY, candidates.RATIO))
     return Estimate(d, variance, flaw, rest, fit.coherence, pattern)
 
 

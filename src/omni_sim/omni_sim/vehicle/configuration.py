@@ -211,7 +211,10 @@ class VehicleConfiguration(Configuration):
                 f"the center of gravity at ({x:.3g}, {y:.3g}) m is not between the wheels, "
                 "so the vehicle tips over; move body, load or wheels",
             )
-        weight = masses.mass * GRAVITY
+        self._check_stiffness()
+
+    def _check_stiffness(self) -> None:
+        weight = self.masses.mass * GRAVITY
         for name, mount in self.wheels.items():
             if weight >= 0.5 * mount.radius * self.tire.vertical_stiffness:
                 raise ConfigurationError(

@@ -163,5 +163,6 @@ def test_defocus_has_the_transfer_function_of_a_gaussian(blur_px: float, period_
 
 
 def test_a_lens_in_focus_or_without_aperture_renders_the_same_bits() -> None:
-    for values in ({"numerical_aperture": 0.1}, {"height_error": 0.01}):
+    changes: tuple[dict[str, Any], ...] = ({"numerical_aperture": 0.1}, {"height_error": 0.01})
+    for values in changes:
         np.testing.assert_array_equal(camera(**values).grays(POSE), camera().grays(POSE))

@@ -105,7 +105,7 @@ def test_resistance_that_grows_with_the_square_of_the_speed_slows_in_closed_form
     Sideways, the rollers of a Mecanum wheel roll sqrt(2) times as fast, and each resists by
     f_2 w^2 F_z along them, so the part in the direction of motion is 2 sqrt(2) f_2 v^2 F_z.
     """
-    growth, speed = 0.03, 3.0
+    growth, speed = 0.01, 3.0
     configuration = dataclasses.replace(
         losing(forklift, PassiveLossConfiguration(speed_growth=growth)), wheel_model=model
     )
@@ -114,7 +114,7 @@ def test_resistance_that_grows_with_the_square_of_the_speed_slows_in_closed_form
     rate = math.sqrt(8.0) * growth * vehicle.masses.mass * GRAVITY / inertia_sideways(vehicle)
     vehicle.advance(1000, 1.0, OFF, NO_COMMAND)
     expected = speed / (1.0 + rate * speed * 0.5)
-    assert expected < 0.5 * speed
+    assert expected < 0.75 * speed
     tolerance = 0.005 if model == "single" else 0.05  # the contact moves along each roller
     assert vehicle.twist[1] == pytest.approx(expected, rel=tolerance)
 

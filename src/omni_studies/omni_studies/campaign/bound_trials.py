@@ -11,7 +11,7 @@ from omni_core.quantities import FloatArray
 from omni_runs.compiled import FastRun, run_fast_loop
 from omni_runs.experiment import ExperimentConfiguration, ExperimentLibrary
 from omni_runs.limit import bounds as limit
-from omni_runs.limit.stop_kinds import KEPT
+from omni_runs.limit.stop_kinds import KEPT, Maneuver
 from omni_sim.configuration import GroundConfiguration
 from omni_sim.vehicle.configuration import VehicleConfiguration
 from omni_studies.campaign.random_braking import RandomBraking, draw
@@ -109,7 +109,7 @@ class BoundTrials:
 def _bound(
     sketch: Callable[..., float],
     solve: Callable[..., limit.Bound],
-    question: tuple[VehicleConfiguration, GroundConfiguration, limit.Maneuver],
+    question: tuple[VehicleConfiguration, GroundConfiguration, Maneuver],
     distances: Sequence[float],
 ) -> tuple[float, float]:
     """Return a bound and its tolerance [m].
@@ -130,13 +130,13 @@ def _bound(
     return bound.distance, bound.tolerance
 
 
-def _maneuver(run: FastRun, experiment: ExperimentConfiguration) -> limit.Maneuver:
+def _maneuver(run: FastRun, experiment: ExperimentConfiguration) -> Maneuver:
     """Return the motion at the start of braking; a residual yaw rate is set to zero."""
     scripted, pose = experiment.maneuver, _braking(run, experiment)
     twist = run.twist[-len(pose)].copy()
     if scripted.yaw_rate_deg == 0.0:
         twist[2] = 0.0
-    return limit.Maneuver(pose[0], twist, scripted.pedal, scripted.pedal_ramp_time)
+    return Maneuver(pose[0], twist, scripted.pedal, scripted.pedal_ramp_time)
 
 
 def _braking(run: FastRun, experiment: ExperimentConfiguration) -> FloatArray:
@@ -153,7 +153,7 @@ def _path(run: FastRun, experiment: ExperimentConfiguration) -> float:
     return float(np.sum(np.hypot(*moved.T)))
 
 
-def _kept(run: FastRun, experiment: ExperimentConfiguration, maneuver: limit.Maneuver) -> float:
+def _kept(run: FastRun, experiment: ExperimentConfiguration, maneuver: Maneuver) -> float:
     """Return the stopping distance [m] if a run always keeps heading and line, otherwise NaN.
 
     The whole run is checked, because a vehicle may leave its line on a slippery patch and return to

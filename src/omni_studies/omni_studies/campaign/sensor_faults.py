@@ -23,10 +23,10 @@ import numpy as np
 from omni_runs.compiled import FastRun, run_fast_loop
 from omni_runs.experiment import WITHOUT_CAMERAS, ExperimentConfiguration, ExperimentLibrary
 from omni_runs.limit.bounds import heading_bound, maneuver_of
-from omni_sim.configuration import GroundConfiguration
 from omni_sim.faults import CHANNELS, KINDS, FaultConfiguration
-from omni_sim.ground.friction import FrictionPatch
 from omni_sim.vehicle.configuration import WheelCondition
+from omni_studies.campaign import drawn_faults
+from omni_studies.campaign.drawn_faults import SensorFault
 from omni_tools.campaign.runner import digest
 
 CASES: dict[str, tuple[str, str, tuple[str, ...]]] = {
@@ -49,21 +49,9 @@ LAWS: dict[str, tuple[str, ...]] = {
 EXTENTS = ("single", "single", "single", "pair", "triple", "brake", "brake", "event")
 """Extents of a fault; repeated entries are drawn more often."""
 
-# Smallest and largest size of a fault, in the unit of the channel; "rate" denotes the yaw rate of
-# the twist.
-_SIZES = {
-    "twist": (0.1, 5.0),
-    "rate": (0.03, 3.0),
-    "gyro": (0.03, 3.0),
-    "accelerometer": (0.3, 15.0),
-    "encoder": (0.5, 40.0),
-}
-_SHARES = ("scale", "echo")  # kinds of fault whose size is a share
 _PERIODS = 0.02, 0.6  # shortest period, of two samples, and longest one [s]
 _BURSTS = 0.05, 0.3  # shortest and longest duration of an intermittent fault [s]
 _ICE = 0.1, 0.3  # smallest and largest friction of ice, relative to the ground [1]
-_REPETITIONS = 20  # of an intermittent fault
-_WIDE = 100.0  # extent of a patch of ice, longer than any stop [m]
 _CHANNELS = {True: ("twist", "gyro", "accelerometer", "encoder"), False: ("twist", "encoder")}
 _BRAKES = ("brake", "open_valve", "stuck_brake")  # fields of `WheelCondition`
 # The encoders have 4096 counts, and no lines are rendered. A stop longer than the limit counts as
@@ -75,31 +63,6 @@ _SETTING = (
 )
 _SEARCHED = 8  # every n-th seed is followed by a search for a worse fault
 _STEPS = 10  # number of faults that a search tries
-
-
-class SensorFault(NamedTuple):
-    """A fault of sensors or a brake.
-
-    Attributes:
-        channel: faulty channel, channels joined by ``+``, ``brake``, or ``ground`` for an event.
-        kind: kind of the fault: a value of `FaultConfiguration.kind`, the field of
-            `WheelCondition` that a brake fault sets, or ``ice``.
-        axis: index of the faulty axis or wheel, -1 for all; side of the ice, 0 for the left.
-        onset: time from pressing the pedal to the fault [s].
-        amplitude: size of the fault in the unit of the first channel; `_configurations` derives the
-            size in the other channels. Friction of ice relative to the ground [1].
-        period: duration of a ramp, period of a sine or square wave, or length of a delay [s].
-        burst: duration of an intermittent fault, and time until the next one [s]; 0 if the fault
-            is permanent.
-    """
-
-    channel: str
-    kind: str
-    axis: int
-    onset: float
-    amplitude: float
-    period: float
-    burst: float = 0.0
 
 
 class Setting(NamedTuple):
@@ -207,8 +170,8 @@ class FaultyStops:
     @property
     def fingerprint(self) -> str:
         """Digest of all settings that determine the stops, except the seeds."""
-        ranges = _SIZES, _PERIODS, _BURSTS, _ICE
-        drawn = EXTENTS, KINDS, ranges, _SHARES, _BRAKES, list(_CHANNELS.items())
+        ranges = drawn_faults.SIZES, _PERIODS, _BURSTS, _ICE
+        drawn = EXTENTS, KINDS, ranges, drawn_faults.SHARES, _BRAKES, list(_CHANNELS.items())
         return digest(list(self._bases.values()), drawn, _SEARCHED, _STEPS)
 
     def __call__(self, seed: int) -> StopWithFault:
@@ -255,12 +218,12 @@ class FaultyStops:
         elif fault.channel == "ground":
             extent, least = "event", 0.0
             path = run_fast_loop(base)
-            ground = _with_ice(base.ground, fault, path, time)
+            ground = drawn_faults.with_ice(base.ground, fault, path, time)
             faulty = dataclasses.replace(base, ground=ground)
             unassisted = dataclasses.replace(self._bases[setting, False], ground=ground)
             reference = all_on = _reference([run_fast_loop(unassisted)])
         else:
-            faults = _configurations(fault, time)
+            faults = drawn_faults.configurations(fault, time)
             extent, least = ("single", "pair", "triple")[fault.channel.count("+")], 0.0
             faulty = dataclasses.replace(base, faults=faults)
             reference = all_on = self.reference(setting)
@@ -320,7 +283,7 @@ class FaultyStops:
             # affects one axis or all axes.
             axes = {"twist": 3, "accelerometer": 2, "gyro": 1, "encoder": wheels}[channel]
             axis = int(random.integers(0 if channel in ("encoder", "gyro") else -1, axes))
-        low, high = _range(channel.split("+")[0], kind, axis)
+        low, high = drawn_faults.size_range(channel.split("+")[0], kind, axis)
         size = float(np.exp(random.uniform(np.log(low), np.log(high))))
         amplitude = round(size * float(random.choice([-1.0, 1.0])), 3)
         period = round(float(np.exp(random.uniform(*np.log(_PERIODS)))), 2)
@@ -345,69 +308,6 @@ class FaultyStops:
             factor = float(np.exp(random.normal(0.0, 0.4)))
             return fault._replace(amplitude=round(fault.amplitude * factor, 3))
         return fault._replace(**{entry: getattr(other, entry)})
-
-
-def _range(channel: str, kind: str, axis: int) -> tuple[float, float]:
-    if kind in _SHARES:
-        return 0.05, 1.5
-    return _SIZES["rate" if channel == "twist" and axis == 2 else channel]
-
-
-def _configurations(fault: SensorFault, time: float) -> dict[str, FaultConfiguration]:
-    """Return the fault of each affected channel, keyed by channel.
-
-    The amplitudes of several channels are at the same relative position in the logarithmic ranges
-    of these channels. The axis of a fault is an axis of the twist. For x and y,
-    it is also the axis of the accelerometer; a fault of the yaw rate affects both axes of the
-    accelerometer. Gyro and encoders are affected as a whole.
-    """
-    channels = fault.channel.split("+")
-    low, high = _range(channels[0], fault.kind, fault.axis)
-    share = np.log(max(abs(fault.amplitude), 1e-9) / low) / np.log(high / low)
-    faults = {}
-    for channel in channels:
-        first, last = _range(channel, fault.kind, fault.axis)
-        axis = fault.axis
-        if len(channels) > 1:
-            axis = {"twist": axis, "accelerometer": axis if axis < 2 else -1}.get(channel, -1)
-        size = float(np.copysign(first * (last / first) ** share, fault.amplitude))
-        one = FaultConfiguration(channel=channel, kind=fault.kind, axis=axis, time=time)
-        one = dataclasses.replace(one, amplitude=size, period=fault.period)
-        faults[channel] = one
-        for k in range(_REPETITIONS if fault.burst > 0.0 else 0):
-            start = round(time + 2.0 * k * fault.burst, 3)
-            faults[f"{channel}_{k}"] = dataclasses.replace(one, time=start, duration=fault.burst)
-        if fault.burst > 0.0:
-            del faults[channel]
-    return faults
-
-
-def _with_ice(
-    ground: GroundConfiguration, fault: SensorFault, path: FastRun, time: float
-) -> GroundConfiguration:
-    """Return the ground with ice on one side of the line of motion, from a time on [s].
-
-    Args:
-        ground: ground without ice.
-        fault: event with the side and the friction of the ice.
-        path: stop without the event, which gives place and direction of the vehicle at this time.
-        time: time at which the vehicle reaches the ice [s].
-    """
-    last = len(path.stamp_ns) - 1
-    k = min(max(int(np.searchsorted(path.stamp_ns, round(time * 1e9))), 1), last)
-    (x, y), (x_0, y_0) = path.pose[k, :2], path.pose[k - 1, :2]
-    along = math.atan2(y - y_0, x - x_0)
-    across = along + math.copysign(0.5 * math.pi, 0.5 - fault.axis)
-    half = 0.5 * _WIDE
-    ice = FrictionPatch(
-        x=float(x + half * (math.cos(along) + math.cos(across))),
-        y=float(y + half * (math.sin(along) + math.sin(across))),
-        length=_WIDE,
-        width=_WIDE,
-        heading_deg=math.degrees(along),
-        friction=fault.amplitude * ground.friction,
-    )
-    return dataclasses.replace(ground, patches={**ground.patches, "ice": ice})
 
 
 def _reference(runs: Sequence[FastRun]) -> Reference:

@@ -11,13 +11,13 @@ import pytest
 from omni_runs.compiled import run_fast_loop
 from omni_runs.experiment import ExperimentLibrary
 from omni_runs.limit.bounds import (
-    Maneuver,
     any_heading_bound,
     any_heading_sketch,
     maneuver_of,
     straight_bound,
     straight_sketch,
 )
+from omni_runs.limit.stop_kinds import Maneuver
 from omni_sim.configuration import GroundConfiguration
 from omni_studies.campaign.bound_trials import LAWS, BoundTrial, BoundTrials, _kept, below
 from omni_studies.study import StudyRun, load_study

@@ -5,8 +5,9 @@ from pathlib import Path
 import pytest
 
 from omni_runs.experiment import ExperimentLibrary
+from omni_studies.campaign.drawn_faults import SensorFault
 from omni_studies.campaign.lost_brakes import THREE_WHEELS, metrics
-from omni_studies.campaign.sensor_faults import FaultyStops, SensorFault, Setting, StopWithFault
+from omni_studies.campaign.sensor_faults import FaultyStops, Setting, StopWithFault
 
 LIBRARY = ExperimentLibrary(Path(__file__).parents[4] / "config")
 _SETTING = Setting("sliding_mode", True, "six_wheels")

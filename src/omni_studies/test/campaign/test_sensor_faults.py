@@ -9,13 +9,11 @@ import pytest
 from omni_runs.compiled import run_fast_loop
 from omni_runs.experiment import WITHOUT_CAMERAS, ExperimentLibrary
 from omni_sim.ground.friction import FrictionMap
+from omni_studies.campaign.drawn_faults import SensorFault, configurations, with_ice
 from omni_studies.campaign.sensor_faults import (
     EXTENTS,
     FaultyStops,
-    SensorFault,
     Setting,
-    _configurations,
-    _with_ice,
     limits,
     loss_of_twist,
 )
@@ -427,7 +425,7 @@ def test_ice_begins_at_the_vehicle_and_lies_on_one_side(side: int) -> None:
     path, time = run_fast_loop(base), base.maneuver.brake_time + 0.5
     x, y = path.pose[np.searchsorted(path.stamp_ns, time * 1e9), :2]
     fault = SensorFault("ground", "ice", side, 0.5, 0.2, 0.1)
-    ground = _with_ice(base.ground, fault, path, time)
+    ground = with_ice(base.ground, fault, path, time)
     friction = FrictionMap(ground.friction, ground.patches)
     icy, dry = (1.0, -1.0) if side == 0 else (-1.0, 1.0)
     assert friction.at(x + 0.5, y + icy) == pytest.approx(0.2 * base.ground.friction)
@@ -437,7 +435,7 @@ def test_ice_begins_at_the_vehicle_and_lies_on_one_side(side: int) -> None:
 
 def test_an_intermittent_fault_ends_and_returns() -> None:
     fault = SensorFault("encoder", "zero", 0, 0.0, 0.0, 0.1, 0.2)
-    spans = [(f.time, f.time + f.duration) for f in _configurations(fault, 1.0).values()]
+    spans = [(f.time, f.time + f.duration) for f in configurations(fault, 1.0).values()]
     assert spans[:2] == [pytest.approx((1.0, 1.2)), pytest.approx((1.4, 1.6))]
     assert all(start > end for (_, end), (start, _) in itertools.pairwise(spans))
 

@@ -20,15 +20,7 @@ from omni_core.configuration import ConfigurationError
 from omni_core.geometry import PlatformGeometry, WheelMount
 from omni_core.kinematics import PlatformKinematics
 from omni_core.quantities import FloatArray
-from omni_tools.commissioning.scales import (
-    ALLOWED,
-    MARGIN,
-    MISTAKE,
-    SLIP,
-    Scale,
-    explanations,
-    possible_errors,
-)
+from omni_tools.commissioning import scales
 
 _ENCODER = 2.5
 """Factor between measured and predicted wheel angles above which the encoder, and not the radius,
@@ -78,7 +70,7 @@ class Cause(NamedTuple):
     name: str
     remedy: str
     check: str = ""
-    cost: int = MISTAKE
+    cost: int = scales.MISTAKE
     harmless: bool = False
     mounts: Mapping[str, WheelMount] = {}
     radius: Mapping[str, float] = {}
@@ -110,7 +102,7 @@ def solutions(
     """
     errors = [
         one
-        for one in possible_errors(len(wheels), told.shared, _rolls_forward(wheels))
+        for one in scales.possible_errors(len(wheels), told.shared, _rolls_forward(wheels))
         if not (told.placed and one.kind in ("lever", "place"))
     ]
     found: dict[frozenset[str], tuple[int, float, Solution]] = {}
@@ -119,14 +111,14 @@ def solutions(
         of_sensors, ratios = sensors(known)
         base = (*causes, *of_sensors)
         cost = sum(cause.cost for cause in base)
-        budget = min(best + MARGIN, 10 * MISTAKE) - cost
+        budget = min(best + scales.MARGIN, 10 * scales.MISTAKE) - cost
         if budget < 0:
             continue
         try:
             predicted = predicted_angles(described, known)
         except ConfigurationError:  # wheels that no vehicle can have
             continue
-        for fit in explanations(predicted, angle, ratios, errors, int(budget)):
+        for fit in scales.explanations(predicted, angle, ratios, errors, int(budget)):
             named = [_named(one, factor, list(described), told) for one, factor in fit.errors]
             keys = frozenset(cause.key for cause in (*base, *named))
             total = cost + fit.cost
@@ -134,7 +126,9 @@ def solutions(
             best = min(best, total)
     ordered = sorted(found.values(), key=lambda one: one[:2])
     chosen = [
-        one for one in ordered if one[0] <= best + MARGIN and one[1] <= ordered[0][1] + _WORSE
+        one
+        for one in ordered
+        if one[0] <= best + scales.MARGIN and one[1] <= ordered[0][1] + _WORSE
     ]
     sets = [({cause.key for cause in solution}, solution) for *_, solution in chosen]
     return [one for keys, one in sets if not any(other < keys for other, _ in sets)]
@@ -166,7 +160,7 @@ def _rolls_forward(wheels: Mapping[str, WheelMount]) -> bool:
     geometry, forward = PlatformGeometry.from_wheels(wheels), np.array([1.0, 0.0, 0.0])
     rim = geometry.radius * PlatformKinematics.of(wheels).wheel_speeds(forward)
     speed = np.hypot(*(forward[:2] - rim[:, np.newaxis] * geometry.rolling).T)
-    return bool(np.max(speed) > ALLOWED.entry)
+    return bool(np.max(speed) > scales.ALLOWED.entry)
 
 
 def _hypotheses(
@@ -204,7 +198,7 @@ def _turned_about(
     if turn == 0.0:
         return None
     center = -y / turn, x / turn
-    if not ALLOWED.scale * reach < math.hypot(*center) < _CENTER * reach:
+    if not scales.ALLOWED.scale * reach < math.hypot(*center) < _CENTER * reach:
         return None
     elsewhere = known.copy()
     elsewhere[2, :2] = known[2, 2] * center[1], -known[2, 2] * center[0]
@@ -214,7 +208,7 @@ def _turned_about(
         words,
         "nothing is wrong if the controller turns about this point",
         "turn the vehicle about base_link",
-        SLIP,
+        scales.SLIP,
         harmless=True,
     )
     return cause, elsewhere
@@ -305,7 +299,8 @@ def _swaps(
     # another place fits better by more than the tolerance.
     length = np.maximum(np.linalg.norm(predicted, axis=0), 1e-9)
     error = np.linalg.norm(measured[:, np.newaxis] - predicted[:, :, np.newaxis], axis=0)
-    cost = error / length[:, np.newaxis] + ALLOWED.entry * ~np.eye(len(names), dtype=np.bool_)
+    elsewhere = ~np.eye(len(names), dtype=np.bool_)
+    cost = error / length[:, np.newaxis] + scales.ALLOWED.entry * elsewhere
     of_place, of_speed = linear_sum_assignment(cost)
     places = dict(zip(of_speed.tolist(), of_place.tolist(), strict=True))
     moved = [row for row in range(len(names)) if places[row] != row]
@@ -320,7 +315,7 @@ def _swaps(
                     f"wheels {words} are swapped",
                     "swap their encoders or names",
                     "lift one wheel after the other and turn it",
-                    swaps * MISTAKE,
+                    swaps * scales.MISTAKE,
                     mounts=order,
                 ),
             ),
@@ -340,7 +335,7 @@ def _cycles(places: Mapping[int, int], moved: Iterable[int]) -> int:
     return count
 
 
-def _named(error: Scale, factor: float, names: Sequence[str], told: Told) -> Cause:
+def _named(error: scales.Scale, factor: float, names: Sequence[str], told: Told) -> Cause:
     """Return the cause of a scale error.
 
     Args:
@@ -362,7 +357,7 @@ def _named(error: Scale, factor: float, names: Sequence[str], told: Told) -> Cau
             f"rollers slip: {motion}, the wheels turn {factor:.2f} times as far as without slip",
             "nothing is wrong",
             "repeat the motion with another load or on another ground: only a slip changes",
-            SLIP,
+            scales.SLIP,
             harmless=True,
         )
     if error.kind == "lever":

@@ -17,16 +17,7 @@ from omni_core.geometry import WheelMount, turned
 from omni_core.quantities import FloatArray
 from omni_core.signals import upwards_problem
 from omni_sim.vehicle.configuration import VehicleConfiguration
-from omni_tools.commissioning import brakes
-from omni_tools.commissioning.causes import (
-    Cause,
-    Solution,
-    Told,
-    classes,
-    corrected_wheels,
-    predicted_angles,
-    solutions,
-)
+from omni_tools.commissioning import brakes, causes
 from omni_tools.commissioning.scales import ALLOWED, SLIP
 from omni_tools.commissioning.signals import Motions, Signals, unchecked
 
@@ -79,8 +70,8 @@ class Findings(NamedTuple):
     """
 
     mistakes: list[Mistake]
-    undecided: list[list[Solution]]
-    remarks: list[Cause]
+    undecided: list[list[causes.Solution]]
+    remarks: list[causes.Cause]
     certain: frozenset[str]
     predicted: FloatArray
 
@@ -92,7 +83,7 @@ class Findings(NamedTuple):
 
 
 def find_mistakes(
-    vehicle: VehicleConfiguration, signals: Signals, motions: Motions, told: Told
+    vehicle: VehicleConfiguration, signals: Signals, motions: Motions, told: causes.Told
 ) -> Findings:
     """Return the errors in a vehicle's description that a commissioning drive reveals.
 
@@ -111,22 +102,22 @@ def find_mistakes(
     if abs(motions.gyro[2] / by_tape - 1.0) < ALLOWED.scale:
         told = told._replace(size=np.array([*told.size[:2], motions.gyro[2]]))
     wheels, known = vehicle.wheels, np.diag(told.size)
-    predicted = predicted_angles(wheels, known)
+    predicted = causes.predicted_angles(wheels, known)
     found: list[Mistake] = []
 
-    def sensors(moved: FloatArray) -> tuple[list[Cause], FloatArray]:
+    def sensors(moved: FloatArray) -> tuple[list[causes.Cause], FloatArray]:
         causes, ratios = _sensors(motions, moved)
         ratios[2] *= told.size[2] / by_tape  # the yaw rate is compared with the tape
         return causes, ratios
 
-    explained = solutions(wheels, motions.angle, told, sensors)
+    explained = causes.solutions(wheels, motions.angle, told, sensors)
     if not explained:
         words = "wheels: no single mistake of each wheel explains the wheel angles"
         remedy = "check distances and directions of the motions; then check each wheel on blocks"
         found.append(Mistake(words, remedy))
-        explained = solutions(wheels, predicted, told, sensors)
-    certain, undecided = classes(explained)
-    final = corrected_wheels(wheels, certain)
+        explained = causes.solutions(wheels, predicted, told, sensors)
+    certain, undecided = causes.classes(explained)
+    final = causes.corrected_wheels(wheels, certain)
     for cause in certain:
         if cause.cost != SLIP:
             changes = cause.mounts or cause.radius
@@ -134,8 +125,8 @@ def find_mistakes(
     if not math.isnan(signals.upwards) and (problem := upwards_problem(signals.upwards)):
         found.append(Mistake(*problem))
     # The slip is computed from wheel speeds and twists, so brakes are checked last.
-    causes = [*certain, *(one for group in undecided for part in group for one in part)]
-    if all(map(_leaves_brakes, causes)) and topics.TWIST.name not in unchecked(signals, motions):
+    involved = [*certain, *(one for group in undecided for part in group for one in part)]
+    if all(map(_leaves_brakes, involved)) and topics.TWIST.name not in unchecked(signals, motions):
         found += _brake_mistakes(vehicle, signals, motions)
     if signals.inverse_pedal:
         remedy = "1 must be full braking and 0 none: publish 1 minus this value"
@@ -145,7 +136,7 @@ def find_mistakes(
     return Findings(found, undecided, remarks, keys, predicted)
 
 
-def _leaves_brakes(cause: Cause) -> bool:
+def _leaves_brakes(cause: causes.Cause) -> bool:
     """Return whether the brakes can be checked although this cause may exist."""
     return cause.harmless or cause.key in ("lever", "gyro") or cause.key.startswith("imu")
 
@@ -168,7 +159,7 @@ def corrected(vehicle: Mapping[str, Any], mistakes: Iterable[Mistake]) -> dict[s
     return changed
 
 
-def _sensors(motions: Motions, known: FloatArray) -> tuple[list[Cause], FloatArray]:
+def _sensors(motions: Motions, known: FloatArray) -> tuple[list[causes.Cause], FloatArray]:
     """Return errors of signs, axes and positions of the sensors, and the ratios of their scales.
 
     Args:
@@ -180,7 +171,7 @@ def _sensors(motions: Motions, known: FloatArray) -> tuple[list[Cause], FloatArr
         of the gyro [1], shape (4,), NaN if it was not measured.
     """
     signs, size = np.sign(np.diag(known))[:, np.newaxis], np.abs(np.diag(known))
-    found: list[Cause] = []
+    found: list[causes.Cause] = []
     ratios = np.full(4, math.nan)
     if np.all(np.isfinite(motions.twist)):
         forward, left, turn = signs * motions.twist
@@ -191,7 +182,7 @@ def _sensors(motions: Motions, known: FloatArray) -> tuple[list[Cause], FloatArr
         ratios[3] = abs(motions.gyro[2]) / size[2]
         if motions.gyro[2] * known[2, 2] < 0.0:
             remedy = "negate it, or mount it upright"
-            found.append(Cause("imu yaw", "gyro: yaw rate has the wrong sign", remedy))
+            found.append(causes.Cause("imu yaw", "gyro: yaw rate has the wrong sign", remedy))
     forward, left = force = signs[:2] * motions.force[:2]
     if np.all(np.isfinite(force)) and np.max(np.abs(force), axis=1).min() >= _ALLOWED.force:
         name, limit = "accelerometer", _ALLOWED.force_heading
@@ -201,7 +192,7 @@ def _sensors(motions: Motions, known: FloatArray) -> tuple[list[Cause], FloatArr
 
 def _twist_errors(
     forward: FloatArray, left: FloatArray, turn: FloatArray, known: FloatArray
-) -> Iterator[Cause]:
+) -> Iterator[causes.Cause]:
     """Yield errors of axes, signs and position of the twist sensor.
 
     Args:
@@ -212,7 +203,9 @@ def _twist_errors(
     """
     yield from _mounting_errors("twist axes", "twist sensor", forward, left, _ALLOWED.heading)
     if turn[2] < 0.0:
-        yield Cause("twist yaw", "twist sensor: yaw rate has the wrong sign", "negate the yaw rate")
+        yield causes.Cause(
+            "twist yaw", "twist sensor: yaw rate has the wrong sign", "negate the yaw rate"
+        )
     if np.linalg.det([forward[:2], left[:2]]) < 0.0:  # the axes are mirrored
         return
     mean = _mounting_angle(forward, left)[0]
@@ -221,7 +214,7 @@ def _twist_errors(
     y, x = (moved - known[:2]) / known[2] * (-1.0, 1.0)
     if math.hypot(x, y) > _ALLOWED.offset:
         name = f"twist sensor: measures at ({x:.2f}, {y:.2f}) m instead of the center"
-        yield Cause("twist place", name, "enter this position for its sensors")
+        yield causes.Cause("twist place", name, "enter this position for its sensors")
 
 
 def _mounting_angle(forward: FloatArray, left: FloatArray) -> tuple[float, float]:
@@ -239,7 +232,7 @@ def _mounting_angle(forward: FloatArray, left: FloatArray) -> tuple[float, float
 
 def _mounting_errors(
     key: str, sensor: str, forward: FloatArray, left: FloatArray, tolerance: float
-) -> Iterator[Cause]:
+) -> Iterator[causes.Cause]:
     """Yield the error of a sensor's axes, if there is one.
 
     Args:
@@ -252,14 +245,15 @@ def _mounting_errors(
     mean, difference = _mounting_angle(forward, left)
     if abs(difference) > math.pi / 2:
         if abs(forward[1]) > abs(forward[0]):
-            yield Cause(key, f"{sensor}: x and y are swapped", "swap them, and check the signs")
+            name = f"{sensor}: x and y are swapped"
+            yield causes.Cause(key, name, "swap them, and check the signs")
         else:
             axis = "y" if forward[0] > 0.0 else "x"
-            yield Cause(key, f"{sensor}: {axis} has the wrong sign", f"negate its {axis}")
+            yield causes.Cause(key, f"{sensor}: {axis} has the wrong sign", f"negate its {axis}")
     elif abs(mean) > tolerance:
         degrees = 180 - round(180.0 - math.degrees(mean)) % 360  # 180 instead of -180
         name = f"{sensor}: mounted {degrees} deg off"
-        yield Cause(key, name, "subtract this angle from its heading")
+        yield causes.Cause(key, name, "subtract this angle from its heading")
 
 
 def _brake_mistakes(

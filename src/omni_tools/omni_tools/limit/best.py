@@ -24,7 +24,8 @@ from omni_core.geometry import cross, turned
 from omni_core.kinematics import PlatformKinematics
 from omni_core.quantities import GRAVITY, FloatArray
 from omni_runs.history import RunHistory
-from omni_runs.limit import bounds, forces
+from omni_runs.limit import forces
+from omni_runs.limit.stop_kinds import Maneuver
 from omni_sim.tire.interface.model import curve_at
 from omni_sim.vehicle.configuration import VehicleConfiguration
 from omni_sim.vehicle.loads import load_plane
@@ -125,7 +126,7 @@ class OptimalStop:
         self,
         vehicle: VehicleConfiguration,
         friction: float,
-        maneuver: bounds.Maneuver,
+        maneuver: Maneuver,
         program: Transcription = _USUAL,
     ) -> None:
         self._casadi = load_casadi()
@@ -226,7 +227,7 @@ class OptimalStop:
             (stiff, shape, bend),
         )
 
-    def _start_of(self, maneuver: bounds.Maneuver) -> FloatArray:
+    def _start_of(self, maneuver: Maneuver) -> FloatArray:
         """Return the state (a row of `Plan.state`) at the start of braking, with rolling wheels.
 
         The rolling direction of each wheel is stored for the equations of motion.

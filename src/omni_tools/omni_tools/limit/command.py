@@ -18,7 +18,7 @@ from omni_runs.workspace import ExperimentWorkspace
 if TYPE_CHECKING:
     from omni_core.commands.wrapped_table import WrappedTable
     from omni_runs.experiment import ExperimentConfiguration, ExperimentLibrary
-    from omni_runs.limit.bounds import Maneuver
+    from omni_runs.limit.stop_kinds import Maneuver
     from omni_sim.configuration import GroundConfiguration
     from omni_sim.vehicle.configuration import VehicleConfiguration
     from omni_tools.limit.front import Load

@@ -10,7 +10,7 @@ from omni_core.configuration import ConfigurationError
 from omni_runs.compiled import run_fast_loop
 from omni_runs.experiment import ExperimentConfiguration
 from omni_runs.figures import style
-from omni_runs.limit.bounds import Maneuver
+from omni_runs.limit.stop_kinds import Maneuver
 from omni_tools.limit.best import OptimalStop
 
 ROTATIONS = (0.5, 5.0, 15.0, 30.0)

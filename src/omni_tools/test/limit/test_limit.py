@@ -13,13 +13,13 @@ from omni_core.quantities import GRAVITY
 from omni_runs.compiled import run_fast_loop
 from omni_runs.experiment import ExperimentLibrary
 from omni_runs.limit.bounds import (
-    Maneuver,
     any_heading_bound,
     limit_share,
     maneuver_of,
     straight_bound,
 )
 from omni_runs.limit.forces import Case, LimitVehicle, farthest
+from omni_runs.limit.stop_kinds import Maneuver
 from omni_sim.configuration import GroundConfiguration
 from omni_sim.ground.friction import FrictionPatch
 from omni_sim.vehicle.configuration import VehicleConfiguration

@@ -17,13 +17,13 @@ from omni_runs.compiled import run_fast_loop
 from omni_runs.experiment import ExperimentLibrary
 from omni_runs.limit.bounds import (
     Bound,
-    Maneuver,
     any_heading_bound,
     heading_bound,
     maneuver_of,
     straight_bound,
 )
 from omni_runs.limit.forces import Case, LimitVehicle
+from omni_runs.limit.stop_kinds import Maneuver
 from omni_runs.workspace import ExperimentWorkspace
 from omni_sim.configuration import GroundConfiguration
 from omni_sim.ground.friction import FrictionPatch

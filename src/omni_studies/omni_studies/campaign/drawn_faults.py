@@ -1,0 +1,117 @@
+"""Faults that `sensor_faults` draws, and what each of them changes in an experiment."""
+
+import dataclasses
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from omni_runs.compiled import FastRun
+from omni_sim.configuration import GroundConfiguration
+from omni_sim.faults import FaultConfiguration
+from omni_sim.ground.friction import FrictionPatch
+
+SIZES = {
+    "twist": (0.1, 5.0),
+    "rate": (0.03, 3.0),
+    "gyro": (0.03, 3.0),
+    "accelerometer": (0.3, 15.0),
+    "encoder": (0.5, 40.0),
+}
+"""Smallest and largest size of a fault, in the unit of the channel; "rate" denotes the yaw rate of
+the twist."""
+
+SHARES = ("scale", "echo")
+"""Kinds of fault whose size is a share."""
+
+_REPETITIONS = 20  # of an intermittent fault
+_WIDE = 100.0  # extent of a patch of ice, longer than any stop [m]
+
+
+class SensorFault(NamedTuple):
+    """A fault of sensors or a brake.
+
+    Attributes:
+        channel: faulty channel, channels joined by ``+``, ``brake``, or ``ground`` for an event.
+        kind: kind of the fault: a value of `FaultConfiguration.kind`, the field of
+            `WheelCondition` that a brake fault sets, or ``ice``.
+        axis: index of the faulty axis or wheel, -1 for all; side of the ice, 0 for the left.
+        onset: time from pressing the pedal to the fault [s].
+        amplitude: size of the fault in the unit of the first channel; `_configurations` derives the
+            size in the other channels. Friction of ice relative to the ground [1].
+        period: duration of a ramp, period of a sine or square wave, or length of a delay [s].
+        burst: duration of an intermittent fault, and time until the next one [s]; 0 if the fault
+            is permanent.
+    """
+
+    channel: str
+    kind: str
+    axis: int
+    onset: float
+    amplitude: float
+    period: float
+    burst: float = 0.0
+
+
+def size_range(channel: str, kind: str, axis: int) -> tuple[float, float]:
+    """Return the smallest and largest size of a fault, in the unit of the channel or as a share."""
+    if kind in SHARES:
+        return 0.05, 1.5
+    return SIZES["rate" if channel == "twist" and axis == 2 else channel]
+
+
+def configurations(fault: SensorFault, time: float) -> dict[str, FaultConfiguration]:
+    """Return the fault of each affected channel, keyed by channel.
+
+    The amplitudes of several channels are at the same relative position in the logarithmic ranges
+    of these channels. The axis of a fault is an axis of the twist. For x and y,
+    it is also the axis of the accelerometer; a fault of the yaw rate affects both axes of the
+    accelerometer. Gyro and encoders are affected as a whole.
+    """
+    channels = fault.channel.split("+")
+    low, high = size_range(channels[0], fault.kind, fault.axis)
+    share = np.log(max(abs(fault.amplitude), 1e-9) / low) / np.log(high / low)
+    faults = {}
+    for channel in channels:
+        first, last = size_range(channel, fault.kind, fault.axis)
+        axis = fault.axis
+        if len(channels) > 1:
+            axis = {"twist": axis, "accelerometer": axis if axis < 2 else -1}.get(channel, -1)
+        size = float(np.copysign(first * (last / first) ** share, fault.amplitude))
+        one = FaultConfiguration(channel=channel, kind=fault.kind, axis=axis, time=time)
+        one = dataclasses.replace(one, amplitude=size, period=fault.period)
+        faults[channel] = one
+        for k in range(_REPETITIONS if fault.burst > 0.0 else 0):
+            start = round(time + 2.0 * k * fault.burst, 3)
+            faults[f"{channel}_{k}"] = dataclasses.replace(one, time=start, duration=fault.burst)
+        if fault.burst > 0.0:
+            del faults[channel]
+    return faults
+
+
+def with_ice(
+    ground: GroundConfiguration, fault: SensorFault, path: FastRun, time: float
+) -> GroundConfiguration:
+    """Return the ground with ice on one side of the line of motion, from a time on [s].
+
+    Args:
+        ground: ground without ice.
+        fault: event with the side and the friction of the ice.
+        path: stop without the event, which gives place and direction of the vehicle at this time.
+        time: time at which the vehicle reaches the ice [s].
+    """
+    last = len(path.stamp_ns) - 1
+    k = min(max(int(np.searchsorted(path.stamp_ns, round(time * 1e9))), 1), last)
+    (x, y), (x_0, y_0) = path.pose[k, :2], path.pose[k - 1, :2]
+    along = math.atan2(y - y_0, x - x_0)
+    across = along + math.copysign(0.5 * math.pi, 0.5 - fault.axis)
+    half = 0.5 * _WIDE
+    ice = FrictionPatch(
+        x=float(x + half * (math.cos(along) + math.cos(across))),
+        y=float(y + half * (math.sin(along) + math.sin(across))),
+        length=_WIDE,
+        width=_WIDE,
+        heading_deg=math.degrees(along),
+        friction=fault.amplitude * ground.friction,
+    )
+    return dataclasses.replace(ground, patches={**ground.patches, "ice": ice})
