@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from linescan_odometry.joint import candidates, spectra
-from linescan_odometry.joint.fit import Fit, assess, scatter
+from linescan_odometry.joint.fit import Fit, assess, scatter, unequal_pixels
 from linescan_odometry.joint.likelihood import Expansion, expand, observe, window, without
 from linescan_odometry.matching.transforms import transform_size
 from linescan_odometry.measurements import Displacement, Unmeasured
@@ -198,8 +198,12 @@ def _estimate(
     # At rest, and with few lines, ground and pattern cannot be separated. The prior of the pattern
     # then determines the split.
     parted = moves and layout.lines >= spectra.FEWEST_LINES
-    removed = mean if parted else known
-    motion, rest, batch, here = _maximize(view, camera, pattern, layout, (d, removed), parted)
+    first = mean if parted else known
+    prior = np.zeros(len(known))
+    if not parted:
+        gains = unequal_pixels(view.logs) * (camera.taper**2).sum()
+        prior = 1.0 / (pattern.precision + min(camera.stated, 1.0 / max(gains, 1e-12)))
+    motion, rest, batch, here = _maximize(view, camera, pattern, layout, (d, first), prior)
     if not np.isfinite(motion).all():
         return Estimate(d, math.inf, "no maximum of the likelihood", rest, 0.0, pattern)
     d, fit = motion[0], assess(rest, here)
@@ -266,7 +270,7 @@ def _maximize(
     learned: spectra.FixedPattern,
     layout: candidates.Layout,
     start: tuple[float, spectra.Spectrum],
-    parted: bool,
+    fixed: spectra.Doubles,
 ) -> tuple[spectra.Doubles, spectra.Floats, spectra.FixedPattern, Expansion]:
     """Return the maximum of the likelihood near a candidate, found by Newton's method.
 
@@ -276,8 +280,8 @@ def _maximize(
         learned: fixed pattern before this batch.
         layout: sizes of the batch.
         start: displacement per line of the candidate [px], and the pattern that is removed first.
-        parted: whether ground and fixed pattern can be separated. If so, the pattern is estimated
-            anew in each step; otherwise the first pattern is kept.
+        fixed: variance of the pattern, shape (F,). If it is 0, ground and pattern can be separated,
+            and the pattern is estimated anew in each step; otherwise the first pattern is kept.
 
     Returns:
         Displacement per line in the middle of the batch [px] and its change from line to line [px],
@@ -286,9 +290,7 @@ def _maximize(
         the expansion of the log-likelihood at the start of the last step.
     """
     motion, kappa = np.array([start[0], 0.0]), np.arange(layout.lines) - 0.5 * (layout.lines - 1)
-    pattern, batch, fixed = start[1], learned, 1.0 / (learned.precision + camera.stated)
-    if parted:
-        fixed[:] = 0.0
+    pattern, batch, parted = start[1], learned, not fixed.any()
     # Steps are limited to 1 px, so they do not lead to another peak.
     for number in range(candidates.APART):
         if parted:

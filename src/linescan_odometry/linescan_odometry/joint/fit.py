@@ -27,6 +27,8 @@ from linescan_odometry.matching.transforms import transform_size
 from omni_core.kernels import kernel, linked
 
 PLACES = 24  # number of ground segments in a line
+_UNEQUAL = 0.07  # largest standard deviation of the gains of a camera's pixels [1]
+_MEDIAN_SQUARE = 0.455  # median of the square of a standard normal variable
 _CORRELATED = 2  # segments; largest distance at which the errors of two segments are correlated
 
 
@@ -71,6 +73,20 @@ def _noise(lines: Floats) -> float:
     # The coefficients 1, 3, 3 and 1 of a third difference have the sum of squares 20, and the
     # difference of two lines has twice the noise variance of one line.
     return float(np.median(square) / (2.0 * 20.0 * (m - 1)))
+
+
+@kernel
+def unequal_pixels(lines: Floats) -> float:
+    """Return the variance of the gains of neighboring pixels, from logarithms of shape (m, n).
+
+    The gains of neighboring pixels are independent of each other. Third differences of the mean of
+    all lines contain hardly any ground texture, because the optics blur it.
+    """
+    still = lines.sum(axis=0) / np.float32(len(lines))
+    third = still[3:] - still[:-3] - np.float32(3.0) * (still[2:-1] - still[1:-2])
+    # The coefficients 1, 3, 3 and 1 have the sum of squares 20.
+    variance = float(np.median(third * third)) / (20.0 * _MEDIAN_SQUARE)
+    return min(max(variance - _noise(lines) / len(lines), 0.0), _UNEQUAL**2)
 
 
 @linked
