@@ -13,7 +13,7 @@ from made_drives import described
 from omni_core.geometry import WheelMount
 from omni_core.kinematics import PlatformKinematics
 from omni_core.quantities import FloatArray
-from omni_tools.commissioning.causes import Told
+from omni_tools.commissioning.causes import Stated
 from omni_tools.commissioning.mistakes import Findings, find_mistakes
 from omni_tools.commissioning.signals import Motions, Signals
 
@@ -22,7 +22,7 @@ Wheels = dict[str, WheelMount]
 MISTAKES = (
     *("radius", "wheel", "encoder", "encoders", "place", "lever"),
     *("direction", "roller", "x", "y", "direction all", "roller all", "swap"),
-    *("told f", "told l", "told t", "distance in mm", "angle in rad"),
+    *("stated f", "stated l", "stated t", "distance in mm", "angle in rad"),
     *("reversed 0", "reversed 1", "reversed 2"),
     *(
         "twist axes",
@@ -42,7 +42,7 @@ class Case(NamedTuple):
 
     wheels: Wheels
     motions: Motions
-    told: Told
+    stated: Stated
     cause: str
 
     def findings(self) -> Findings:
@@ -52,7 +52,7 @@ class Case(NamedTuple):
         signals = Signals(
             np.array([0.0, 0.01]), nothing, nothing[:, :3], nothing[:, :3], nothing[:, 0], nothing
         )
-        return find_mistakes(vehicle, signals, self.motions, self.told)
+        return find_mistakes(vehicle, signals, self.motions, self.stated)
 
     def named(self) -> bool:
         """Return whether the findings or a class contains the true cause."""
@@ -112,11 +112,11 @@ def right_case(seed: int, slip: float = 1.3) -> Case:
     forward = random.uniform(0.5, 3.0)
     moved = np.array([forward, forward * random.uniform(0.93, 1.07), math.pi / 2])
     shared = bool(random.integers(2))
-    told = np.where(shared, [forward, forward, math.pi / 2], moved)
-    told *= random.normal(1.0, 0.005, 3)
+    stated = np.where(shared, [forward, forward, math.pi / 2], moved)
+    stated *= random.normal(1.0, 0.005, 3)
     slips = np.array([1.0, *random.uniform(1.0, slip, 2)])
     motions = measured(random, wheels, moved, slips)
-    return Case(wheels, motions, Told(told, shared), "")
+    return Case(wheels, motions, Stated(stated, shared), "")
 
 
 def measured(
@@ -181,7 +181,7 @@ def of_wheels(random: np.random.Generator, case: Case, kind: str) -> Case | None
         return None
     try:
         before, after = (
-            PlatformKinematics(w).wheel_speeds(np.diag(case.told.size))
+            PlatformKinematics(w).wheel_speeds(np.diag(case.stated.size))
             for w in (case.wheels, wheels)
         )
     except ValueError:  # a file that is refused when it is read
@@ -189,7 +189,7 @@ def of_wheels(random: np.random.Generator, case: Case, kind: str) -> Case | None
     moved = np.abs(after - before) + np.abs(angle - case.motions.angle)
     if np.max(moved / np.max(np.abs(before), axis=1, keepdims=True)) < 0.1:
         return None
-    return Case(wheels, case.motions._replace(angle=angle), case.told, key)
+    return Case(wheels, case.motions._replace(angle=angle), case.stated, key)
 
 
 FIELDS: dict[str, tuple[float, tuple[str, ...]]] = {
@@ -223,15 +223,15 @@ def misread(
 
 
 def of_options(random: np.random.Generator, case: Case, kind: str) -> Case | None:
-    size, motions = case.told.size.copy(), case.motions
-    if kind.startswith("told"):
+    size, motions = case.stated.size.copy(), case.motions
+    if kind.startswith("stated"):
         size["flt".index(kind[-1])] *= factor(random)
     elif kind == "distance in mm":
         size[:2] *= 1000.0
-        return case._replace(told=Told(size, True), cause="distance")
+        return case._replace(stated=Stated(size, True), cause="distance")
     elif kind == "angle in rad":
         size[2] = math.radians(size[2])
-        kind = "told t"
+        kind = "stated t"
     elif kind.startswith("reversed"):
         row = int(kind[-1])
         sign = np.where(np.arange(3) == row, -1.0, 1.0)
@@ -240,7 +240,7 @@ def of_options(random: np.random.Generator, case: Case, kind: str) -> Case | Non
         return case._replace(motions=motions._replace(**reverse), cause=kind)
     else:
         return None
-    return case._replace(told=Told(size, False), cause=kind)
+    return case._replace(stated=Stated(size, False), cause=kind)
 
 
 def of_sensors(random: np.random.Generator, case: Case, kind: str) -> Case | None:

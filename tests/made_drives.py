@@ -17,7 +17,7 @@ from omni_runs.experiment import ExperimentLibrary
 from omni_runs.loop import make_estimator, steps
 from omni_sim.simulator import Simulator
 from omni_sim.vehicle.configuration import VehicleConfiguration
-from omni_tools.commissioning.causes import Told
+from omni_tools.commissioning.causes import Stated
 from omni_tools.commissioning.mistakes import (
     Findings,
     find_mistakes,
@@ -80,8 +80,8 @@ def findings(
     described_as = copy.copy(vehicle or described())
     # Unchecked: a wrong wheel may tip the vehicle.
     object.__setattr__(described_as, "wheels", wheels)
-    told = Told(np.array([known[0], known[0], known[1]]))
-    return find_mistakes(described_as, signals, motions_of(signals), told)
+    stated = Stated(np.array([known[0], known[0], known[1]]))
+    return find_mistakes(described_as, signals, motions_of(signals), stated)
 
 
 def found(

@@ -20,7 +20,7 @@ ODOMETRY_GROUP = "linescan_odometry.odometries"
 """Group of entry points in which an installed package registers odometry classes by name."""
 
 _ANGLES = 16
-"""Number of steering angles that are kept; a batch lies between two of the newest ones"""
+"""Number of steering angles that are kept; a batch is between two of the newest ones"""
 _PATIENCE_NS = 15_000_000
 """Time by which another sensor may be ahead before a group stops waiting [ns]."""
 

@@ -6,7 +6,7 @@ contains a printing error; it is interpreted as ``omega_i = M_i (v_cx, v_cy, Ome
 gamma_i)``.
 
 A conventional wheel has no rollers, so a vehicle with such wheels cannot move in all directions:
-its matrix may have a rank below 3, and its twist also fulfils the condition that these wheels do
+its matrix may have a rank below 3, and its twist also meets the condition that these wheels do
 not slip along their axes.
 """
 

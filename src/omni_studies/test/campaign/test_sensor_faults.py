@@ -420,7 +420,7 @@ def test_all_brakes_act_from_the_onset_of_a_brake_fault(stops: FaultyStops, imu:
 
 
 @pytest.mark.parametrize("side", [0, 1])
-def test_ice_begins_at_the_vehicle_and_lies_on_one_side(side: int) -> None:
+def test_ice_begins_at_the_vehicle_on_one_side(side: int) -> None:
     base = LIBRARY.load("straight_line", "assisted", WITHOUT_CAMERAS)
     path, time = run_fast_loop(base), base.maneuver.brake_time + 0.5
     x, y = path.pose[np.searchsorted(path.stamp_ns, time * 1e9), :2]

@@ -1,6 +1,6 @@
 """Causes of what a commissioning drive measured, found by comparing hypotheses.
 
-A hypothesis combines motions in other directions than told, wrong signs or swapped wheels,
+A hypothesis combines motions in other directions than stated, wrong signs or swapped wheels,
 mounting errors of the sensors, and scale errors (`scales`). It explains the drive if the measured
 angles of all wheels, the displacements of the twist sensor and the rotation of the gyro agree with
 its predictions. The cheapest explanations are kept. A cause that all of them contain is certain.
@@ -37,7 +37,7 @@ than a cheaper one, and is no alternative to it [1]"""
 _WAYS = (("forward", "backward"), ("left", "right"), ("counter-clockwise", "clockwise"))
 
 
-class Told(NamedTuple):
+class Stated(NamedTuple):
     """Motions as the user measured them.
 
     Attributes:
@@ -90,24 +90,24 @@ def predicted_angles(wheels: Mapping[str, WheelMount], known: FloatArray) -> Flo
 
 
 def solutions(
-    wheels: Mapping[str, WheelMount], angle: FloatArray, told: Told, sensors: Sensors
+    wheels: Mapping[str, WheelMount], angle: FloatArray, stated: Stated, sensors: Sensors
 ) -> list[Solution]:
     """Return the cheapest explanations of a drive; none if nothing explains it.
 
     Args:
         wheels: wheels as described in the vehicle's file.
         angle: measured angle of each wheel in each motion [rad], shape (3, N).
-        told: the motions.
+        stated: the motions.
         sensors: comparison of the sensors with the motions.
     """
     errors = [
         one
-        for one in scales.possible_errors(len(wheels), told.shared, _rolls_forward(wheels))
-        if not (told.placed and one.kind in ("lever", "place"))
+        for one in scales.possible_errors(len(wheels), stated.shared, _rolls_forward(wheels))
+        if not (stated.placed and one.kind in ("lever", "place"))
     ]
     found: dict[frozenset[str], tuple[int, float, Solution]] = {}
     best = math.inf
-    for causes, described, known in _hypotheses(wheels, angle, told):
+    for causes, described, known in _hypotheses(wheels, angle, stated):
         of_sensors, ratios = sensors(known)
         base = (*causes, *of_sensors)
         cost = sum(cause.cost for cause in base)
@@ -119,7 +119,7 @@ def solutions(
         except ConfigurationError:  # wheels that no vehicle can have
             continue
         for fit in scales.explanations(predicted, angle, ratios, errors, int(budget)):
-            named = [_named(one, factor, list(described), told) for one, factor in fit.errors]
+            named = [_named(one, factor, list(described), stated) for one, factor in fit.errors]
             keys = frozenset(cause.key for cause in (*base, *named))
             total = cost + fit.cost
             found.setdefault(keys, (total, fit.residual, (*base, *named)))
@@ -164,12 +164,12 @@ def _rolls_forward(wheels: Mapping[str, WheelMount]) -> bool:
 
 
 def _hypotheses(
-    wheels: Mapping[str, WheelMount], angle: FloatArray, told: Told
+    wheels: Mapping[str, WheelMount], angle: FloatArray, stated: Stated
 ) -> Iterator[tuple[Solution, Mapping[str, WheelMount], FloatArray]]:
     """Yield causes other than scale errors, with the corrected wheels and motions, (3, 3)."""
     for signs in sorted(itertools.product((1.0, -1.0), repeat=3), key=sum, reverse=True):
-        known = np.diag(np.array(signs) * told.size)
-        reversed_ = tuple(_reversed(row, told.size[row]) for row in range(3) if signs[row] < 0.0)
+        known = np.diag(np.array(signs) * stated.size)
+        reversed_ = tuple(_reversed(row, stated.size[row]) for row in range(3) if signs[row] < 0.0)
         for causes, described in _structures(wheels, angle, known):
             yield (*reversed_, *causes), described, known
         if turned := _turned_about(wheels, angle, known):
@@ -178,12 +178,12 @@ def _hypotheses(
 
 
 def _reversed(row: int, size: float) -> Cause:
-    told, other = _WAYS[row] if size > 0.0 else _WAYS[row][::-1]
+    stated, other = _WAYS[row] if size > 0.0 else _WAYS[row][::-1]
     option = ("--forward", "--left", "--turn")[row]
     value = -math.degrees(size) if row == 2 else -size
     return Cause(
         f"reversed {row}",
-        f"motion {told}: the vehicle moved {other}",
+        f"motion {stated}: the vehicle moved {other}",
         f"repeat it, or set {option} to {value:.4g}",
         "watch the vehicle",
     )
@@ -335,14 +335,14 @@ def _cycles(places: Mapping[int, int], moved: Iterable[int]) -> int:
     return count
 
 
-def _named(error: scales.Scale, factor: float, names: Sequence[str], told: Told) -> Cause:
+def _named(error: scales.Scale, factor: float, names: Sequence[str], stated: Stated) -> Cause:
     """Return the cause of a scale error.
 
     Args:
         error: the error.
         factor: measured/predicted [1].
         names: names of the wheels.
-        told: the motions.
+        stated: the motions.
     """
     row = "flt".find(error.kind[-1])
     wheel = names[error.wheel] if error.wheel >= 0 else ""
@@ -370,8 +370,8 @@ def _named(error: scales.Scale, factor: float, names: Sequence[str], told: Told)
     if error.kind == "place":
         words = f"position of wheel {wheel}: it turns {factor:.2f} times as far in the turn"
         return Cause(key, words, "correct its x, y and angles", f"measure x and y of wheel {wheel}")
-    if error.kind.startswith("told") or error.kind == "distance":
-        return _of_option(key, row, factor, told)
+    if error.kind.startswith("stated") or error.kind == "distance":
+        return _of_option(key, row, factor, stated)
     return _of_sensor(key, error.kind, factor)
 
 
@@ -394,21 +394,21 @@ def _of_radius(key: str, wheel: str, factor: float, wheels: Iterable[str]) -> Ca
     return Cause(key, f"radius of {name} is wrong", remedy, check, radius=radius)
 
 
-def _of_option(key: str, row: int, factor: float, told: Told) -> Cause:
+def _of_option(key: str, row: int, factor: float, stated: Stated) -> Cause:
     """Return the cause that a distance or an angle is not what the user measured.
 
     Args:
         key: key of the cause.
         row: index of the motion; -1 for the distance of both straight motions.
         factor: actual/measured motion [1].
-        told: the motions.
+        stated: the motions.
     """
-    moved = factor * float(told.size[max(row, 0)])
+    moved = factor * float(stated.size[max(row, 0)])
     words = ("forward", "left", "turn", "distance")[row]
     value, unit = (math.degrees(moved), "deg") if row == 2 else (moved, "m")
     return Cause(
         key,
-        f"{words}: the vehicle moved {factor:.3g} times as far as told",
+        f"{words}: the vehicle moved {factor:.3g} times as far as stated",
         f"set --{words} {value:.4g} if this is right; its unit is {unit}",
         f"measure the {'angle' if row == 2 else 'distance'} again ({words})",
         harmless=True,

@@ -80,7 +80,7 @@ class Options(CommandOptions):
 def run(options: Options, workspace: ExperimentWorkspace) -> Report:
     """Find errors in a vehicle file, and write a corrected copy if it has wrong values."""
     from omni_tools.commissioning import mistakes as known
-    from omni_tools.commissioning.causes import Told
+    from omni_tools.commissioning.causes import Stated
     from omni_tools.commissioning.signals import motions_of, unchecked
 
     vehicle = workspace.experiment_library().vehicle(options.vehicle)
@@ -88,7 +88,7 @@ def run(options: Options, workspace: ExperimentWorkspace) -> Report:
     motions = motions_of(signals, tuple(vehicle.wheels))
     drive = vehicle, signals, motions
     shared = options.forward is None and options.left is None
-    found = known.find_mistakes(*drive, Told(np.array(options.motions), shared, options.placed))
+    found = known.find_mistakes(*drive, Stated(np.array(options.motions), shared, options.placed))
     missing = unchecked(signals, motions)
     undistinguished = []
     if not found.mistakes and topics.TWIST.name not in missing:
@@ -128,7 +128,7 @@ def run(options: Options, workspace: ExperimentWorkspace) -> Report:
             * bool(undistinguished),
         ],
         files=files,
-        ok=not found.mistakes and not found.doubtful,
+        ok=not found.mistakes and not found.uncertain,
     )
 
 

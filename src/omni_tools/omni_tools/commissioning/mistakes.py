@@ -76,14 +76,14 @@ class Findings(NamedTuple):
     predicted: FloatArray
 
     @property
-    def doubtful(self) -> bool:
+    def uncertain(self) -> bool:
         """Whether an undecided alternative requires a change of the file or of the wiring."""
         every = (cause for group in self.undecided for one in group for cause in one)
         return not all(cause.harmless for cause in every)
 
 
 def find_mistakes(
-    vehicle: VehicleConfiguration, signals: Signals, motions: Motions, told: causes.Told
+    vehicle: VehicleConfiguration, signals: Signals, motions: Motions, stated: causes.Stated
 ) -> Findings:
     """Return the errors in a vehicle's description that a commissioning drive reveals.
 
@@ -91,31 +91,31 @@ def find_mistakes(
         vehicle: wheels, brakes, inertia and loads as described in the vehicle's file.
         signals: signals of the run.
         motions: motions of the run.
-        told: the three motions as the user measured them.
+        stated: the three motions as the user measured them.
 
     Raises:
         UnusablePlatformError: a wheel is conventional.
     """
     kinematics.require_omni_wheels(vehicle.wheels, "check-vehicle")
     # A gyro measures the angle of the rotation more accurately than a tape, unless it is wrong.
-    by_tape = float(told.size[2])
+    by_tape = float(stated.size[2])
     if abs(motions.gyro[2] / by_tape - 1.0) < ALLOWED.scale:
-        told = told._replace(size=np.array([*told.size[:2], motions.gyro[2]]))
-    wheels, known = vehicle.wheels, np.diag(told.size)
+        stated = stated._replace(size=np.array([*stated.size[:2], motions.gyro[2]]))
+    wheels, known = vehicle.wheels, np.diag(stated.size)
     predicted = causes.predicted_angles(wheels, known)
     found: list[Mistake] = []
 
     def sensors(moved: FloatArray) -> tuple[list[causes.Cause], FloatArray]:
         causes, ratios = _sensors(motions, moved)
-        ratios[2] *= told.size[2] / by_tape  # the yaw rate is compared with the tape
+        ratios[2] *= stated.size[2] / by_tape  # the yaw rate is compared with the tape
         return causes, ratios
 
-    explained = causes.solutions(wheels, motions.angle, told, sensors)
+    explained = causes.solutions(wheels, motions.angle, stated, sensors)
     if not explained:
         words = "wheels: no single mistake of each wheel explains the wheel angles"
         remedy = "check distances and directions of the motions; then check each wheel on blocks"
         found.append(Mistake(words, remedy))
-        explained = causes.solutions(wheels, predicted, told, sensors)
+        explained = causes.solutions(wheels, predicted, stated, sensors)
     certain, undecided = causes.classes(explained)
     final = causes.corrected_wheels(wheels, certain)
     for cause in certain:

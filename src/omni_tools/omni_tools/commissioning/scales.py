@@ -121,9 +121,9 @@ def possible_errors(count: int, shared: bool, rolls_forward: bool) -> list[Scale
         *errors,
         Scale("radius", -1, column("flt", every), least=wide),
         Scale("lever", -1, column("t", every), low=-most, high=most),
-        Scale("told f", -1, column("f", every, twist="f")),
-        Scale("told l", -1, column("l", every, twist="l")),
-        Scale("told t", -1, column("t", every, twist="t", gyro=True)),
+        Scale("stated f", -1, column("f", every, twist="f")),
+        Scale("stated l", -1, column("l", every, twist="l")),
+        Scale("stated t", -1, column("t", every, twist="t", gyro=True)),
         *(
             Scale(f"twist {rows}", -1, column("", (), twist=rows), least=wide)
             for rows in ("fl", "f", "l", "t")

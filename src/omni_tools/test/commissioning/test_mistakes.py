@@ -20,7 +20,7 @@ from omni_core.geometry import WheelMount
 from omni_core.kinematics import PlatformKinematics
 from omni_runs.experiment import ExperimentLibrary
 from omni_runs.recorded_run import Stream
-from omni_tools.commissioning.causes import Told
+from omni_tools.commissioning.causes import Stated
 from omni_tools.commissioning.mistakes import (
     corrected,
     find_mistakes,
@@ -173,7 +173,7 @@ def test_positions_that_are_too_small_have_the_effect_of_a_slip_and_are_not_corr
     nearer, signals = of_all(**{axis: 0.9})(wheels, signals)
     result = findings(nearer, signals, known)
     assert result.mistakes == []
-    assert result.doubtful
+    assert result.uncertain
     (group,) = result.undecided
     assert [[cause.key for cause in part] for part in group] == [["slip t"], ["lever"]]
     farther, signals = of_all(**{axis: 1.1})(wheels, signals)
@@ -387,8 +387,8 @@ def test_forty_random_vehicles_without_mistakes_are_found_correct() -> None:
         nothing = np.full((2, 4), math.nan)
         signals = Signals(np.array([0.0, 0.01]), nothing, nothing, nothing, nothing[:, 0], nothing)
         vehicle = dataclasses.replace(described(), wheels=wheels)
-        told = Told(np.array([known[0], known[0], known[1]]))
-        assert find_mistakes(vehicle, signals, motions, told).mistakes == []
+        stated = Stated(np.array([known[0], known[0], known[1]]))
+        assert find_mistakes(vehicle, signals, motions, stated).mistakes == []
 
 
 def test_a_drive_that_is_not_the_expected_one_is_refused(

@@ -21,7 +21,7 @@ def test_the_cause_of_forty_single_mistakes_is_named() -> None:
 def test_a_measured_position_leaves_the_slip() -> None:
     for seed in range(1000, 1020):
         case = right_case(seed)
-        found = case._replace(told=case.told._replace(placed=True)).findings()
+        found = case._replace(stated=case.stated._replace(placed=True)).findings()
         parts = (part for group in found.undecided for part in group)
         assert not {"lever", "place"} & {cause.key.split()[0] for part in parts for cause in part}
 
