@@ -145,8 +145,8 @@ def _answers(options: Options, described: Mapping[str, Any]) -> dict[str, Any]:
         except ConfigurationError as error:
             lacking.append(error)
     if lacking:
-        flags = ", ".join(error.key for error in lacking)
-        raise ConfigurationError(flags, ", ".join(error.problem for error in lacking))
+        first, *others = lacking
+        raise ConfigurationError(first.key, "; ".join((first.problem, *map(str, others))))
     if values["kind"] == _KIWI:
         if values["wheels"] != _USUAL[_KIWI]:
             raise ConfigurationError("--wheels", f"{values['wheels']} must be 3 for a kiwi")

@@ -391,7 +391,7 @@ def test_what_is_missing_is_asked_for_and_may_be_given(tmp_path: Path) -> None:
     urdf = re.sub(lacking, "", mecanum_urdf())
     path = tmp_path / "robot.urdf"
     path.write_text(urdf)
-    with pytest.raises(ConfigurationError, match=r"--mass, --wheel-radius: is required.*mass of"):
+    with pytest.raises(ConfigurationError, match=r"--mass: is required.*; --wheel-radius: is"):
         run(tmp_path, str(path))
     document = run(tmp_path, str(path), mass=15.0, wheel_radius=0.05, length=0.6, width=0.4)
     assert any("what does the robot weigh?" in one for one in document["missing"])
