@@ -21,7 +21,7 @@ _HEAD = "| hazard | single fault | detected or limited by | within | test |"
 
 
 class Row(NamedTuple):
-    """A row of the table: hazard, fault, detection, time and test."""
+    """A row of the table: hazard, fault, detection, time and file of the test."""
 
     hazard: str
     fault: str
@@ -67,7 +67,7 @@ def _rows_of(file: Path) -> Iterator[Row]:
             if isinstance(call, ast.Call) and ast.unparse(call.func) == "pytest.mark.safety":
                 hazard, fault, caught_by = (_text(word, constants) for word in call.args)
                 within = _time(ast.literal_eval(call.keywords[0].value))
-                yield Row(hazard, fault, caught_by, within, f"`{file.stem}`: {_words(function)}")
+                yield Row(hazard, fault, caught_by, within, f"`{file.stem}`")
 
 
 def _text(word: ast.expr, constants: dict[str, ast.expr]) -> str:
@@ -82,10 +82,6 @@ def _time(within: float | str) -> str:
     if isinstance(within, str):
         return within
     return f"{within:g} s" if within > 0.0 else "at once"
-
-
-def _words(function: ast.FunctionDef) -> str:
-    return function.name.removeprefix("test_").replace("_", " ")
 
 
 def main() -> None:

@@ -71,13 +71,11 @@ class OdometryConfiguration(Configuration):
     """Divisor k of the limit on the shift between two lines, n / k, where n is the number of
     pixels"""
     search_window: int = parameter(0, unit="px", minimum=0, maximum=16384)
-    """Half width of the search range around the last displacement. If the best match is at the
-    border of this range, or if its correlation is too low, all shifts are searched; 0 to search all
-    shifts in every case"""
+    """Half width of the search range around the last displacement; all shifts are searched if the
+    best match is at its border or correlates too little, and with 0"""
     prior_weight: float = parameter(0.0, minimum=0.0, maximum=100.0)
-    """Weight of the preference for shifts near the last displacement (section 4.6): relative
-    increase of the distance measure at a shift that differs from the last displacement by the
-    limit on the shift; 0 for no preference"""
+    """Preference for shifts near the last displacement (section 4.6): relative increase of the
+    distance measure at a shift that differs from it by the limit on the shift"""
     flat_field_tables: str = parameter("")
     """Folder with the tables that `omni lines reference` computed from dark and white references
     or from a recorded motion, one file <sensor>.npz for each camera that has a table; empty for no
@@ -101,13 +99,12 @@ class OdometryConfiguration(Configuration):
     """Maximum yaw rate of the vehicle; it determines how fast the variance of the yaw angle grows
     while the odometry measures no twist"""
     cover_detection: bool = parameter(True)
-    """Whether a camera is rejected if its view does not change while the platform moves across its
-    axis, because it is covered or sees an oblique texture; set this to false for grounds with
-    stripes along the path"""
+    """Whether a camera is rejected (covered, or oblique texture) if its view does not change while
+    the platform moves across its axis; false for grounds with stripes along the path"""
     contradiction_limit: float = parameter(8.0, minimum=0.0, maximum=1000.0)
-    """Limit on the deviation of a sensor from the twist of all sensors, in standard deviations.
-    Beyond the limit, the sensor is excluded (five or more sensors) or the covariance is increased
-    (four sensors); 0 for no limit"""
+    """Limit on the deviation of a sensor from the twist of all sensors, in standard deviations;
+    beyond it, the sensor is excluded (five or more sensors) or the covariance is increased (four);
+    0 for no limit"""
     maximum_skew: float = parameter(0.005, unit="s", above=0.0, maximum=10.0)
     """Limit on the difference between the stamps of batches that are used together; without line
     cameras, the limit is at least 3/4 of the period of the fastest flow sensor"""

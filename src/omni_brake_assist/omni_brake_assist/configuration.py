@@ -31,13 +31,11 @@ class AllocationConfiguration(Configuration):
     """Parameters of the law `allocation`; docs/allocation.md explains the effect of each."""
 
     target_slip: float = parameter(0.13, minimum=0.01, maximum=1.0)
-    """Slip at which a tire transmits its largest force. It is the set-point of wheel-slip control,
-    and above it the friction observer regards a wheel as sliding. The wheel model and the published
-    error also depend on it"""
+    """Slip at which a tire transmits its largest force: set-point of wheel-slip control, above
+    which a wheel counts as sliding; the wheel model and the published error also depend on it"""
     observer_time: float = parameter(0.025, unit="s", minimum=0.001, maximum=1.0)
-    """Time constant of the friction observer. The time constants of all other loops are multiples
-    of this value: slip control 0.5, disturbances 2, mass at least 2, return of the heading at
-    least 4"""
+    """Time constant of the friction observer, of which those of all other loops are multiples: slip
+    control 0.5, disturbances 2, mass at least 2, return of the heading at least 4"""
     relaxation_speed: float = parameter(3.0, unit="m/s", minimum=0.0, maximum=100.0)
     """Sliding speed that slip control adds to the set-point until the tire has deflected (tire
     relaxation)"""
@@ -45,15 +43,13 @@ class AllocationConfiguration(Configuration):
     """Time constant with which the law corrects heading and direction of motion, as a share of the
     remaining time until standstill"""
     deviation_weight: float = parameter(1.2, minimum=0.0, maximum=1.0e6)
-    """Weight of heading and line of motion in the quadratic program of the control allocation,
-    relative to the cost 1 of zero deceleration. It is multiplied by the difference between demanded
-    and achieved yaw or lateral acceleration, as a share of the acceleration that the friction
-    capacities of all wheels together could cause"""
+    """Weight of heading and line of motion in the quadratic program, relative to the cost 1 of zero
+    deceleration; multiplied by the difference between demanded and achieved yaw or lateral
+    acceleration, as a share of what all friction capacities together could cause"""
     locked_share: float = parameter(0.02, minimum=0.0, maximum=1.0)
-    """Share of a speed that defines two limits. If, along the active direction of a wheel, hub and
-    vehicle are both slower than this share of the vehicle's speed, the motion does not turn the
-    wheel, and its brake stays on. A wheel is regarded as locked if its rim is slower than this
-    share of the rim speed of a rolling wheel"""
+    """Share of a speed. If, along the active direction of a wheel, hub and vehicle are slower than
+    this share of the vehicle's speed, the brake of the wheel stays on. A wheel counts as locked if
+    its rim is slower than this share of the rim speed of a rolling wheel"""
 
 
 class BrakeAssistConfiguration(Configuration):
@@ -143,8 +139,7 @@ class BrakeAssistConfiguration(Configuration):
     prediction with the IMU"""
     frozen_time: float = parameter(0.2, unit="s", minimum=0.0, maximum=60.0)
     """Time after which a reading that does not change is implausible while the vehicle brakes (0:
-    never); this holds for the twist above the speed threshold, and for readings of IMU and
-    encoders other than 0"""
+    never): a twist above the speed threshold, or a reading of IMU or encoder other than 0"""
 
     @property
     def steps_until_twist(self) -> int:

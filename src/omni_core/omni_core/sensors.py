@@ -80,9 +80,8 @@ class LineSensor(Mount):
     """Line rate"""
     non_uniformity: float = parameter(0.01, minimum=0.0, maximum=1.0)
     """Standard deviation of the pixel gains relative to their mean (photo-response non-uniformity,
-    PRNU, in data sheets according to EMVA 1288). Without a white reference, and until the camera
-    has moved, the odometry measures standstill only if the relative contrast of the ground is
-    larger than this value"""
+    PRNU, in data sheets according to EMVA 1288); without a white reference, and until the camera
+    has moved, standstill is measured only on ground with a larger relative contrast"""
 
     @property
     def pixel_pitch(self) -> float:

@@ -37,8 +37,8 @@ class CameraConfiguration(Configuration):
     height_error: float = parameter(0.0, unit="m", minimum=-10.0, maximum=10.0)
     """Difference between mounting height and working distance"""
     numerical_aperture: float = parameter(0.0, minimum=0.0, maximum=0.5)
-    """Numerical aperture of the lens on the side of the ground: a ground that is too near or too
-    far is out of focus, and the blur grows with the aperture; 0 for an infinite depth of field"""
+    """Numerical aperture of the lens on the side of the ground, with which the blur out of focus
+    grows; 0 for an infinite depth of field"""
     shading: float = parameter(0.0, minimum=0.0, maximum=1.0)
     """Share of the brightness that is lost at each end of a line (shading); the loss is
     proportional to the squared distance from the middle"""

@@ -11,10 +11,9 @@ class CameraConfiguration(Configuration):
     """Name of the line camera, one of the odometry's `sensors`; its lines are published on
     line_scan/<name>/lines"""
     source: str = parameter()
-    """Source of the frames. For a V4L2 camera: the device, such as /dev/video0, or its number. For
-    a GenICam camera: the .cti file of the GenTL producer, optionally followed by # and the serial
-    number of the camera. For a recording, which is played in real time: a video file, or an array
-    of pictures (.npy)"""
+    """Source of the frames: a V4L2 device, such as /dev/video0, or its number; for GenICam, the
+    .cti file of the GenTL producer, optionally followed by # and the serial number of the camera;
+    or a recording, played in real time: a video file, or an array of pictures (.npy)"""
     frame_rate: float = parameter(unit="1/s", above=0.0, maximum=1e5)
     """Frame rate, which is also requested from a device"""
     rows: str = parameter("")
@@ -24,12 +23,11 @@ class CameraConfiguration(Configuration):
     columns: bool = parameter(False)
     """Whether the lines are the columns of the frame instead of its rows"""
     row_time: float = parameter(0.0, unit="s", minimum=0.0, maximum=1.0)
-    """Time between the rows of a frame if each row is a line, as with a rolling shutter; 0 if
-    the rows follow each other at a constant rate across frames, as in the blocks of a line
-    camera"""
+    """Time between the rows of a frame if each row is a line, as with a rolling shutter; 0 for a
+    constant rate across frames, as in the blocks of a line camera"""
     latency: float = parameter(0.0, unit="s", minimum=0.0, maximum=1.0)
-    """Time from the exposure of a frame's last row to the stamp of the frame. The stamp is that
-    of the driver if it provides one, otherwise the time of arrival"""
+    """Time from the exposure of a frame's last row to the stamp (of the driver if it provides one,
+    otherwise of the arrival) of the frame"""
     batch: float = parameter(0.01, unit="s", above=0.0, maximum=1.0)
     """Time span of the lines in one message"""
     length: float = parameter(0.0, unit="m", minimum=0.0, maximum=1.0)
