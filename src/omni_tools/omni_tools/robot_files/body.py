@@ -57,7 +57,7 @@ def weigh(
         return
     if lacking:
         found.questions.append(
-            f"{some(lacking)} have shapes but no mass; "
+            f"shapes without a mass: {some(lacking)}; "
             f"does the robot weigh {plain(mass, 4)} kg? (--mass)"
         )
     center, inertia = _mass_center(robot, base, mass)

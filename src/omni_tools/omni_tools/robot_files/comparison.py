@@ -29,8 +29,8 @@ def compare(
     if math.dist(center, (-x, -y)) > 1e-3 + DIFFERENT * float(np.ptp(list(places.values()))):
         found.contradictions.append(
             f"center of the wheels in {base}: ({plain(center[0])}, {plain(center[1])}) m in "
-            f"{robot.file}, ({plain(-x)}, {plain(-y)}) m in {controller.name}; used: {robot.file}; "
-            f"measure from {base} to the axles"
+            f"{robot.file}, ({plain(0.0 - x)}, {plain(0.0 - y)}) m in {controller.name}; "
+            f"used: {robot.file}; measure from {base} to the axles"
         )
     if controller.base in robot.links and controller.base != base:
         apart = robot.pose(controller.base, base)[:2, 3]

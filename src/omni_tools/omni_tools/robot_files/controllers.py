@@ -46,6 +46,8 @@ _NAMES = {
 _FACTOR = "_wheel_radius_multiplier"
 # Difference of two values of the same length that is more than a rounding to three digits [1].
 DIFFERENT = 0.01
+FARTHEST = 10.0  # distance of a wheel from the center of all wheels [m]
+_DISTANCES = ("sum", "wheelbase", "track", "robot_radius")
 
 
 class Controller(NamedTuple):
@@ -196,6 +198,11 @@ def _controller(name: str, kind: str, values: Mapping[str, Any]) -> Controller:
             raise ConfigurationError(
                 "--from", f"{name}: {keys[quantity]} is {length:g}, not above 0"
             )
+        if quantity in _DISTANCES and length is not None and length > FARTHEST:
+            raise ConfigurationError(
+                "--from",
+                f"{name}: {keys[quantity]} is {length:g} m, more than {FARTHEST:g} m; give meters",
+            )
     offset = [_number(values, f"base_frame_offset.{key}", name, 0.0) for key in ("x", "y", "theta")]
     joints = _joints(kind, values, name)
     factors = {
@@ -223,12 +230,24 @@ def _joints(kind: str, values: Mapping[str, Any], name: str) -> dict[str, str]:
             raise ConfigurationError(
                 "--from", f"{name}: wheel_names must list three or more joints"
             )
-        return {str(row): str(joint) for row, joint in enumerate(names)}
+        return _different({str(row): str(joint) for row, joint in enumerate(names)}, name)
     found = {}
     for key, joint in values.items():
         if (corner := _JOINT.fullmatch(key)) and joint:
             found[f"{corner[1].replace('back', 'rear')}_{corner[2]}"] = str(joint)
-    return {corner: found[corner] for corner in CORNERS if corner in found}
+    if lacking := [corner for corner in CORNERS if found and corner not in found]:
+        problem = f"{name} names no joint of the wheel {', '.join(lacking)}; add its parameter"
+        raise ConfigurationError("--from", problem)
+    return _different({corner: found[corner] for corner in CORNERS if found}, name)
+
+
+def _different(joints: dict[str, str], name: str) -> dict[str, str]:
+    """Return joints; raise `ConfigurationError` if two wheels have the same one."""
+    listed = list(joints.values())
+    if twice := next((joint for joint in listed if listed.count(joint) > 1), None):
+        problem = f"{name} names the joint {twice!r} for several wheels; correct one of them"
+        raise ConfigurationError("--from", problem)
+    return joints
 
 
 def _number(values: Mapping[str, Any], key: str, name: str, usual: float | None = None) -> float:

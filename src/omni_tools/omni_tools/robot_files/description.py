@@ -17,7 +17,14 @@ from omni_core.geometry import turned
 from omni_core.quantities import FloatArray, plain
 from omni_tools.robot_files.body import find_sensors, ground_height, measure_chassis, weigh
 from omni_tools.robot_files.comparison import compare
-from omni_tools.robot_files.controllers import DIFFERENT, MECANUM, OMNI, Controller, wrapped
+from omni_tools.robot_files.controllers import (
+    DIFFERENT,
+    FARTHEST,
+    MECANUM,
+    OMNI,
+    Controller,
+    wrapped,
+)
 from omni_tools.robot_files.described import INVALID, PARALLEL, Described
 from omni_tools.robot_files.links import Robot
 from omni_tools.robot_files.wheels import DescribedWheel, base_link, described_wheels, matched
@@ -26,7 +33,6 @@ _RADII = 1e-3, 1.0  # radii of omni-wheels in use [m]
 _UNITS = {"millimeters": 1000.0, "inches": 1.0 / 0.0254}  # lengths of a meter
 _OBLIQUE = 10.0  # smallest angle of a Mecanum wheel's rollers from its axle and its plane [deg]
 _ALIKE = 0.1  # difference of two radii in the same unit, relative [1]
-_FARTHEST = 10.0  # distance of a wheel from the center of all wheels [m]
 _ROLLERS = (
     "the roller directions, which are an estimate: X seen from above. Check them: from above, the "
     "rollers on top of the wheels must form an X; or drive the robot, and use ./omni check-vehicle"
@@ -84,6 +90,8 @@ def _of_controller(controller: Controller | None, radius: float | None) -> Descr
     if controller is None:
         problem = "the files contain neither a robot description nor a drive controller"
         raise ConfigurationError("--from", f"{problem}; add the URDF of the robot")
+    if known := radius or controller.radius:
+        _check_units({controller.name: known}, np.zeros(2), controller.name)
     mounts = controller._replace(radius=radius or controller.radius).wheels()
     if mounts is None:
         raise ConfigurationError(
@@ -96,7 +104,9 @@ def _of_controller(controller: Controller | None, radius: float | None) -> Descr
         values = {"x": mount.x, "y": mount.y, **angles, "radius": mount.radius}
         found.wheels[name] = {key: round(value, 6) + 0.0 for key, value in values.items()}
     found.sources["wheels"] = f"{controller.name}, which assumes the roller directions"
-    found.questions.append("the files contain no chassis; how long and wide is it?")
+    found.questions.append(
+        "the files contain no chassis: how long and wide is it? (--length, --width)"
+    )
     return found
 
 
@@ -282,7 +292,7 @@ def _check_units(radii: Mapping[str, float], place: FloatArray, file: str) -> No
     for source, radius in radii.items():
         if not smallest < radius < largest:
             raise _in_other_unit(f"the radius of a wheel in {source}", radius, *_UNITS)
-    if (distance := float(np.linalg.norm(place))) > _FARTHEST:
+    if (distance := float(np.linalg.norm(place))) > FARTHEST:
         raise _in_other_unit(
             f"the distance of a wheel from the center in {file}", distance, *_UNITS
         )

@@ -173,7 +173,7 @@ class Robot:
 
     def _check_tree(self) -> None:
         if not self.links:
-            raise self._wrong("has no links")
+            raise self._wrong("has no links; give the file of the robot, which includes it")
         parents: dict[str, Joint] = {}
         for joint in self.joints.values():
             for link in (joint.parent, joint.child):

@@ -8,6 +8,7 @@ parameters of its controller. Values that these files contradict or lack are lis
 
 import contextlib
 import dataclasses
+import re
 import shlex
 import sys
 from collections.abc import Mapping, Sequence
@@ -77,6 +78,7 @@ def run(options: Options, workspace: ExperimentWorkspace) -> Report:
         given = options.kind and (_OMNI if options.kind == _KIWI else options.kind)
         how = {"trust": options.trust, "skip_missing": options.skip_missing}
         found = described_vehicle(options.files, given, options.wheel_radius, **how)
+        found.questions = [one for one in found.questions if not _answered(one, options)]
     answers = _answers(options, {} if found is None else found.measured)
     try:
         measured = from_mapping(Measured if found is None else MeasuredByFiles, answers)
@@ -114,6 +116,13 @@ def run(options: Options, workspace: ExperimentWorkspace) -> Report:
             f"compare speed sensors: ./omni study feedback --vehicle {shlex.quote(str(folder))}",
         ),
     )
+
+
+def _answered(question: str, options: Options) -> bool:
+    """Return whether the user gives all options that a question ends with."""
+    asked = re.fullmatch(r".*\((--[a-z, -]+)\)", question)
+    names = asked[1].replace("--", "").replace("-", "_").split(", ") if asked else []
+    return bool(names) and all(getattr(options, name, None) is not None for name in names)
 
 
 def _answers(options: Options, described: Mapping[str, Any]) -> dict[str, Any]:

@@ -255,7 +255,7 @@ def test_names_with_a_namespace_or_a_dash_are_matched(described: Write) -> None:
 @pytest.mark.parametrize(
     ("urdf", "words"),
     [
-        ("<robot name='a'/>", "has no links"),
+        ("<robot name='a'/>", "has no links; give the file of the robot"),
         ("<sdf/>", "its first element is <sdf>, not <robot>"),
         ("<robot>", "is not valid XML"),
         (
@@ -311,11 +311,27 @@ def test_any_wrong_value_is_refused_in_a_sentence(
             CONTROLLER.replace("fl_joint", "fl_joind"),
             "'fl_joind', but robot.urdf has no such joint",
         ),
+        (
+            CONTROLLER.replace("fl_joint", "fr_joint"),
+            "names the joint 'fr_joint' for several wheels",
+        ),
+        (
+            CONTROLLER.replace("    front_left_wheel_name: fl_joint\n", ""),
+            "names no joint of the wheel front_left",
+        ),
+        (CONTROLLER.replace("0.4", "400.0"), "wheel_separation_x is 400 m, more than 10 m"),
     ],
 )
 def test_a_controller_of_another_robot_is_refused(text: str, words: str, described: Write) -> None:
     with pytest.raises(ConfigurationError, match=words):
         described(mecanum_urdf(), text)
+
+
+def test_a_controller_alone_must_be_in_meters(tmp_path: Path) -> None:
+    path = tmp_path / "drive.yaml"
+    path.write_text(CONTROLLER.replace("0.05", "50.0"))
+    with pytest.raises(ConfigurationError, match=r"the radius of a wheel in drive .* is 50 m"):
+        described_vehicle([str(path)])
 
 
 def test_steered_wheels_and_several_controllers_are_refused(described: Write) -> None:
@@ -348,6 +364,17 @@ def run(tmp_path: Path, *words: str, **options: Any) -> dict[str, Any]:
     report = command.run(given, ExperimentWorkspace(CONFIG.parent))
     document: dict[str, Any] = json.loads(json.dumps(report.document))
     return document
+
+
+def test_what_options_give_is_not_asked_for(tmp_path: Path) -> None:
+    (tmp_path / "drive.yaml").write_text(CONTROLLER)
+    sizes = {"mass": 12.0, "length": 0.5, "width": 0.4}
+    asked = [
+        run(tmp_path / name, str(tmp_path / "drive.yaml"), **given)["missing"]
+        for name, given in (("all", sizes), ("some", {**sizes, "width": None}))
+    ]
+    assert not any("chassis" in one for one in asked[0])
+    assert any("(--length, --width)" in one for one in asked[1])
 
 
 def test_the_written_vehicle_is_complete(tmp_path: Path) -> None:
@@ -394,7 +421,7 @@ def test_what_is_missing_is_asked_for_and_may_be_given(tmp_path: Path) -> None:
     with pytest.raises(ConfigurationError, match=r"--mass: is required.*; --wheel-radius: is"):
         run(tmp_path, str(path))
     document = run(tmp_path, str(path), mass=15.0, wheel_radius=0.05, length=0.6, width=0.4)
-    assert any("what does the robot weigh?" in one for one in document["missing"])
+    assert not any("what does the robot weigh?" in one for one in document["missing"])
     vehicle = ExperimentLibrary(CONFIG).load(str(tmp_path / "vehicle"), "assisted").vehicle
     assert vehicle.body.mass == 15.0
     assert {mount.radius for mount in vehicle.wheels.values()} == {0.05}
