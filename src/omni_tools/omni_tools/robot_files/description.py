@@ -147,16 +147,13 @@ def _place_wheels(
     """Enter position, direction, rollers, radius and width of each wheel."""
     center = np.mean([wheel.place[:2] for wheel in wheels], axis=0)
     assumed = _assumed(controller)
-    backward: list[str] = []
+    difference: dict[str, float] = {}  # between the axis and the direction of the controller [deg]
     oblique: dict[str, float] = {}
     alike: dict[tuple[tuple[str, float], ...], list[str]] = {}  # joints with the same radii
     for wheel in wheels:
         heading, factor = assumed.get(wheel.joint, (wheel.heading_deg, 1.0))
-        if abs(wrapped(wheel.heading_deg - heading)) < 90.0:
-            heading = wheel.heading_deg
-        else:
-            heading = wrapped(wheel.heading_deg + 180.0)
-            backward.append(wheel.joint)
+        difference[wheel.joint] = abs(wrapped(wheel.heading_deg - heading))
+        heading = _rolling_direction(heading, wheel.heading_deg)
         values = {"x": round(float(wheel.place[0]), 6), "y": round(float(wheel.place[1]), 6)}
         if abs(heading) > 1e-3:
             values["heading_deg"] = heading
@@ -180,7 +177,7 @@ def _place_wheels(
     for pairs, names in alike.items():
         remedy = "measure the height of the axle of the loaded wheel"
         found.differ(f"radius of {', '.join(names)}", dict(pairs), pairs[0][0], remedy)
-    _ask_about_directions(found, file, backward, controller)
+    _ask_about_directions(found, file, difference, controller)
     if not alike:
         found.questions.append(
             "the shapes of the wheels are meshes: which radius do they have (--wheel-radius), and "
@@ -190,6 +187,21 @@ def _place_wheels(
     if found.kind == MECANUM:
         _estimate_rollers(found, file, oblique, controller)
     _ask_about_names(found, wheels)
+
+
+def _rolling_direction(assumed: float, by_axis: float) -> float:
+    """Return the direction in which a wheel rolls [deg].
+
+    The axis of its joint is more accurate, but may have the wrong sign or be missing.
+
+    Args:
+        assumed: direction that the controller assumes [deg].
+        by_axis: direction across the axis of the joint [deg].
+    """
+    for angle in (by_axis, wrapped(by_axis + 180.0)):
+        if abs(wrapped(angle - assumed)) < 45.0:
+            return angle
+    return assumed
 
 
 def _estimate_rollers(
@@ -220,16 +232,28 @@ def _estimate_rollers(
 
 
 def _ask_about_directions(
-    found: Described, file: str, backward: Sequence[str], controller: Controller | None
+    found: Described,
+    file: str,
+    difference: Mapping[str, float],
+    controller: Controller | None,
 ) -> None:
-    """List wheels that roll backward for a positive speed by their axis.
+    """List wheels that roll sideways, or backward for a positive speed, by their axis.
 
     Args:
         found: receives the sentence.
         file: name of the robot description.
-        backward: joints whose axis contradicts the controller.
+        difference: angle between the direction by the axis and that of the controller [deg], keyed
+            by joint.
         controller: controller; None if unknown.
     """
+    sideways = [name for name, angle in difference.items() if 45.0 <= angle <= 135.0]
+    backward = [name for name, angle in difference.items() if angle > 135.0]
+    if sideways and controller is not None:
+        found.contradictions.append(
+            f"{', '.join(sideways)}: the axis in {file} is not across the direction in which "
+            f"{controller.name} rolls the wheel; used: {controller.name}; correct <axis> of the "
+            "joint, which is 1 0 0 if the file does not name it"
+        )
     by_hand = "turn these wheels forward by hand and look at the sign of their velocity"
     if backward and controller is not None:
         found.contradictions.append(

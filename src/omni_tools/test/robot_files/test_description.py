@@ -211,6 +211,18 @@ def test_a_wheel_that_turns_backward_is_listed(described: Write) -> None:
     assert any("fr_joint, rr_joint roll backward" in one for one in alone.questions)
 
 
+def test_a_forgotten_axis_is_listed_and_the_direction_of_the_controller_used(
+    described: Write,
+) -> None:
+    urdf = mecanum_urdf().replace('<axis xyz="0 1 0"/>', "")
+    found = described(urdf, CONTROLLER)
+    assert any("fl_joint" in one and "correct <axis>" in one for one in found.contradictions)
+    right = described(mecanum_urdf(), CONTROLLER)
+    for name, wheel in found.wheels.items():
+        assert "heading_deg" not in wheel
+        assert wheel["roller_angle_deg"] == right.wheels[name]["roller_angle_deg"]
+
+
 def test_axles_above_the_ground_and_impossible_inertias_are_listed(described: Write) -> None:
     urdf = mecanum_urdf(height=0.08).replace('iyy="0.0006"', 'iyy="1"')
     listed = described(urdf, CONTROLLER).contradictions
