@@ -37,7 +37,7 @@ class SensorFault(NamedTuple):
             `WheelCondition` that a brake fault sets, or ``ice``.
         axis: index of the faulty axis or wheel, -1 for all; side of the ice, 0 for the left.
         onset: time from pressing the pedal to the fault [s].
-        amplitude: size of the fault in the unit of the first channel; `_configurations` derives the
+        amplitude: size of the fault in the unit of the first channel; `configurations` derives the
             size in the other channels. Friction of ice relative to the ground [1].
         period: duration of a ramp, period of a sine or square wave, or length of a delay [s].
         burst: duration of an intermittent fault, and time until the next one [s]; 0 if the fault
