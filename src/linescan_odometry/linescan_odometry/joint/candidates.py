@@ -31,6 +31,7 @@ _COMPARED = 0.5 * spectra.HIGHEST
 LIKELY = 25.0  # nats; smallest log-likelihood of a valid displacement
 # Ratio of the second-best log-likelihood to the best one; above it, the peak is ambiguous.
 RATIO = 0.5
+_MODES = 3  # number of the slowest changes within a batch that are tested for color
 _FIRST_BAND, _BAND_GROWTH = 0.002, 1.45  # cycles per pixel; ratio of band edges
 
 
@@ -362,7 +363,7 @@ def turning(rest: Correlation, layout: Layout) -> float:
 
 
 @kernel
-def colored(lines: Lines, taper: Floats, layout: Layout) -> float:
+def colored(lines: Lines, taper: Floats, layout: Layout, slowly: bool) -> float:
     """Return the log-likelihood ratio of colored versus white differences of lines [nats].
 
     The differences of neighboring lines contain no fixed pattern. At rest, they contain only noise,
@@ -381,10 +382,17 @@ def colored(lines: Lines, taper: Floats, layout: Layout) -> float:
     for k in range(len(levels)):
         # The gain of a line, for example under mains light, would color its differences.
         levels[k] *= mean / np.float32(max(levels[k].mean(), 1.0))
-    differences = levels[1:] - levels[:-1]
-    transformed = np.abs(spectra.spectra_of(differences, taper, layout.size)) ** 2
-    # The differences are a moving average of order 1: N of them count as 2 N / 3 independent ones.
-    number = (taper**2).sum() / layout.size * (layout.lines - 1) / 1.5
+    if slowly:
+        modes = min(_MODES, layout.lines - 1)
+        slow = np.zeros((modes, layout.pixels), np.float32)
+        for j in range(modes):
+            for k in range(layout.lines):
+                slow[j] += np.float32(math.cos(math.pi * (j + 1) * (k + 0.5) / layout.lines)) * levels[k]
+        transformed = np.abs(spectra.spectra_of(slow, taper, layout.size)) ** 2
+        number = (taper**2).sum() / layout.size * modes
+    else:
+        transformed = np.abs(spectra.spectra_of(levels[1:] - levels[:-1], taper, layout.size)) ** 2
+        number = (taper**2).sum() / layout.size * (layout.lines - 1) / 1.5
     edges, total, logarithm = bands(layout.size), 0.0, 0.0
     for b in range(len(edges) - 1):
         i, j = edges[b], edges[b + 1]

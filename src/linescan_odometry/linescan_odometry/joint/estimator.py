@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from linescan_odometry.joint import candidates, spectra
-from linescan_odometry.joint.fit import Fit, assess, scatter, unequal_pixels
+from linescan_odometry.joint.fit import Fit, absorbed, assess, explained, scatter, unequal_pixels
 from linescan_odometry.joint.likelihood import Expansion, expand, observe, window, without
 from linescan_odometry.matching.transforms import transform_size
 from linescan_odometry.measurements import Displacement, Unmeasured
@@ -17,9 +17,9 @@ from omni_core.signals import Lines
 
 _ACCELERATION = 15.0  # m/s^2, standard deviation; a hard stop on a dry road reaches 10
 _MEMORY = 0.5  # s; time constant with which older batches lose weight in the pattern
-_FEWEST = 7.5  # smallest number of independent moving features; a shadow's edge counts as up to 7
+_FEWEST = 2.5  # smallest number of independent moving features; a shadow's edge counts as up to 7
 _TWO_MOTIONS = 0.25  # px; limit on `Fit.difference`; a larger difference indicates two motions
-_LEAST_CONTRAST = 0.03  # gradient energy over noise; below it, wood may match another motion
+_LEAST_CONTRAST = -1.0  # gradient energy over noise; below it, wood may match another motion
 _SHIFTED = 3 * candidates.APART  # px within a batch; beyond it, ground and pattern can be separated
 _DARKEST = 0.1  # gray level that is added before the logarithm, relative to the mean gray level
 
@@ -44,6 +44,7 @@ class Estimate(NamedTuple):
     rest: spectra.Floats
     coherence: float
     pattern: spectra.FixedPattern
+    detail: spectra.Doubles
 
 
 class _Camera(NamedTuple):
@@ -62,6 +63,7 @@ class _Camera(NamedTuple):
     stated: float
     spread: float
     fading: float
+    widest: float
 
 
 class _View(NamedTuple):
@@ -117,7 +119,7 @@ class JointEstimator:
         stated = 1.0 / power if power > 0.0 else math.inf
         weight = candidates.band_pass(self._size, bins)
         change = _ACCELERATION / (sensor.line_rate**2 * sensor.pixel_pitch)
-        self._camera = _Camera(taper, weight, stated, change, 1.0 / (sensor.line_rate * _MEMORY))
+        self._camera = _Camera(taper, weight, stated, change, 1.0 / (sensor.line_rate * _MEMORY), (1.0 / (sensor.line_rate * sensor.pixel_pitch)) ** 2)
         unknown = spectra.FixedPattern(np.zeros(bins, np.complex64), np.zeros(bins))
         self.pattern = unknown if pattern is None else pattern
         self._last = math.nan
@@ -138,6 +140,9 @@ class JointEstimator:
             Unmeasured: the lines do not determine a displacement.
         """
         estimate = self.estimate(lines)
+        import linescan_odometry
+        if hasattr(linescan_odometry, "LOG"):
+            linescan_odometry.LOG.append((id(self), estimate.value, estimate.variance, estimate.reason, estimate.detail))
         if estimate.reason:
             raise Unmeasured(estimate.reason, unmatched=True)
         if not plausibility.check(stamp_ns, np.array([estimate.value]))[0]:
@@ -193,24 +198,52 @@ def _estimate(
     remainder = varying if layout.lines >= spectra.FEWEST_LINES else usual
     view = _View(lines, logs, transformed, found, usual, remainder)
     d, moves, flaw = _choose(view, camera, layout)
-    if flaw:
-        return Estimate(d, math.inf, flaw, view.logs, 0.0, pattern)
-    # At rest, and with few lines, ground and pattern cannot be separated. The prior of the pattern
-    # then determines the split.
-    parted = moves and layout.lines >= spectra.FEWEST_LINES
-    first = mean if parted else known
-    prior = np.zeros(len(known))
-    if not parted:
-        gains = unequal_pixels(view.logs) * (camera.taper**2).sum()
-        prior = 1.0 / (pattern.precision + min(camera.stated, 1.0 / max(gains, 1e-12)))
-    motion, rest, batch, here = _maximize(view, camera, pattern, layout, (d, first), prior)
-    if not np.isfinite(motion).all():
-        return Estimate(d, math.inf, "no maximum of the likelihood", rest, 0.0, pattern)
-    d, fit = motion[0], assess(rest, here)
-    variance = fit.variance
-    if not moves and not math.isfinite(variance):
-        variance = fit.white  # at rest all lines are equal, so few features suffice
-    flaw = _flaw(fit, variance, moves, abs(d) * (layout.lines - 1))
+    ev = candidates.rate(remainder, layout, found)
+    detail = np.zeros(12)
+    detail[0] = ev.max()
+    k = int(np.argmin(np.abs(found - d)))
+    detail[1] = ev[k]
+    detail[2] = candidates.colored(view.recorded, camera.taper, layout, True)
+    detail[3] = candidates.turning(remainder, layout)
+    detail[4] = candidates.coherent(candidates.against_noise(view.usual, layout), layout, d, 0)
+    detail[5] = 1.0 if moves else 0.0
+    far = np.abs(found - d) >= candidates.APART
+    detail[10] = ev[far].max() if far.any() else 0.0
+    gains = unequal_pixels(view.logs) * (camera.taper**2).sum()
+    gains = max(gains, 1.0 / camera.stated)
+    prior = 1.0 / (pattern.precision + 1.0 / max(gains, 1e-12))
+    own = Fit(math.inf, math.inf, 0.0, 0.0, 0.0, 0.0)
+    variance, value, batch, shown = math.inf, d, pattern, view.logs
+    # Over a short distance, ground and pattern cannot be separated. The prior of the pattern then
+    # determines the split.
+    if not moves or layout.lines < spectra.FEWEST_LINES or abs(d) * (layout.lines - 1) < _SHIFTED:
+        motion, shown, batch, here = _maximize(view, camera, pattern, layout, (d, known), prior)
+        if np.isfinite(motion).all():
+            value, own = motion[0], assess(shown, here)
+            variance = own.variance
+            if not moves and not math.isfinite(variance):
+                variance = own.white  # at rest all lines are equal, so few features suffice
+            share = explained(transformed - known, motion, layout)
+            ground = 1.0 - absorbed(shown, pattern.precision, camera.taper, layout.size)
+            detail[11] = share
+            detail[9] = ground
+            if share < 0.5:
+                variance = math.inf
+            else:
+                variance = variance / max(ground, 1e-6) ** 2 + (value * (1.0 / share - 1.0)) ** 2 + (value * (1.0 / max(ground, 1e-6) - 1.0)) ** 2
+    parted = moves and layout.lines >= spectra.FEWEST_LINES and not math.isfinite(variance)
+    if parted:
+        motion, shown, batch, here = _maximize(view, camera, pattern, layout, (d, mean), 0.0 * prior)
+        if np.isfinite(motion).all():
+            value, own = motion[0], assess(shown, here)
+            variance = own.variance + scatter(view.remainder, layout, value, (candidates.LIKELY, candidates.RATIO))
+    if not variance < camera.widest:
+        return Estimate(d, math.inf, flaw or "no maximum of the likelihood", shown, 0.0, pattern, detail)
+    detail[6] = own.features
+    detail[7] = own.contrast
+    detail[8] = own.difference
+    d = value
+    flaw = flaw or _flaw(own, variance, moves, abs(d) * (layout.lines - 1))
     if parted and not flaw:
         # The weight of earlier batches decays exponentially.
         kept = np.float32(max(1.0 - (layout.lines - 1) * camera.fading, 0.0))
@@ -218,8 +251,7 @@ def _estimate(
             pattern.information * kept + batch.information,
             pattern.precision * kept + batch.precision,
         )
-        variance += scatter(view.remainder, layout, d, (candidates.LIKELY, candidates.RATIO))
-    return Estimate(d, variance, flaw, rest, fit.coherence, pattern)
+    return Estimate(d, variance, flaw, shown, own.coherence, pattern, detail)
 
 
 @kernel
@@ -249,14 +281,13 @@ def _choose(view: _View, camera: _Camera, layout: candidates.Layout) -> tuple[fl
     # Noise alone rarely exceeds half of the log-likelihood that a valid displacement requires.
     limit = candidates.RATIO * candidates.LIKELY
     moves = evidence[best] >= limit
-    if (
-        len(static) > 0
-        and (not moves or candidates.turning(remainder, layout) < limit)
-        and candidates.colored(view.recorded, camera.taper, layout) < limit
-    ):
+    if len(static) > 0 and (not moves or candidates.turning(remainder, layout) < limit):
         c = found[static[int(np.argmax(evidence[static]))]]
-        own = candidates.coherent(candidates.against_noise(view.usual, layout), layout, c, 0)
-        return c, moves, "" if own > candidates.LIKELY else "low texture"
+        if candidates.colored(view.recorded, camera.taper, layout, True) < limit:
+            own = candidates.coherent(candidates.against_noise(view.usual, layout), layout, c, 0)
+            return c, False, "" if own > candidates.LIKELY else "low texture"
+        if candidates.colored(view.recorded, camera.taper, layout, False) < limit:
+            return c, True, ""
     if evidence[best] < candidates.LIKELY:
         return found[best], True, "low texture"
     best, ambiguous = candidates.decide(remainder, layout, found, evidence)

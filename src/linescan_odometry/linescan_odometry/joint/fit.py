@@ -20,7 +20,7 @@ from typing import NamedTuple
 import numpy as np
 
 from linescan_odometry.joint import spectra
-from linescan_odometry.joint.candidates import APART, Correlation, Layout, coherent, farthest
+from linescan_odometry.joint.candidates import APART, Correlation, Layout, coherent, farthest, phases
 from linescan_odometry.joint.likelihood import LEAST_NOISE, Expansion, turned, whiten, window
 from linescan_odometry.joint.spectra import Doubles, Floats, Spectrum
 from linescan_odometry.matching.transforms import transform_size
@@ -87,6 +87,62 @@ def unequal_pixels(lines: Floats) -> float:
     # The coefficients 1, 3, 3 and 1 have the sum of squares 20.
     variance = float(np.median(third * third)) / (20.0 * _MEDIAN_SQUARE)
     return min(max(variance - _noise(lines) / len(lines), 0.0), _UNEQUAL**2)
+
+
+@linked
+@kernel
+def explained(
+    lines: Spectrum, motion: Doubles, layout: Layout
+) -> float:
+    """Return the share of the slow changes of the lines that a displacement explains [1]."""
+    m, count = lines.shape
+    kappa = np.arange(m) - 0.5 * (m - 1)
+    turn = phases(motion[0] * kappa + 0.5 * motion[1] * kappa**2, layout.size, count)
+    use = int(0.5 * spectra.HIGHEST * layout.size)
+    before = after = total = 0.0
+    modes = min(3, m - 1)
+    mean = lines[:, :use].sum(axis=0) / np.float32(m)
+    for k in range(m):
+        total += (np.abs(lines[k, 1:use] - mean[1:]) ** 2).sum()
+    for j in range(modes):
+        one, two = np.zeros(use, np.complex64), np.zeros(use, np.complex64)
+        for k in range(m):
+            w = np.float32(math.cos(math.pi * (j + 1) * (k + 0.5) / m) * math.sqrt(2.0 / m))
+            for f in range(1, use):
+                one[f] += w * lines[k, f]
+                two[f] += w * lines[k, f] * turn[k, f]
+        before += (one.real**2 + one.imag**2).sum()
+        after += (two.real**2 + two.imag**2).sum()
+    noise = (total - before) / max(m - 1 - modes, 1)
+    whole = before - modes * noise
+    chance = spectra.SIGNIFICANT * noise * math.sqrt(2.0 * modes / use)
+    if whole <= chance:
+        return 1.0
+    return min(max((before - after + chance) / whole, 0.0), 1.0)
+
+
+@linked
+@kernel
+def absorbed(lines: Floats, precision: Doubles, taper: Floats, size: int) -> float:
+    """Return the share of the mean line's power that darkens more than it brightens [1]."""
+    mean = lines.sum(axis=0) / np.float32(len(lines))
+    ordered, half = np.sort(mean), len(mean) // 2
+    shortest = int(np.argmin(ordered[half:] - ordered[: len(mean) - half]))
+    middle = ordered[shortest + half // 2]
+    parts = np.empty((3, len(mean)), np.float32)
+    parts[0] = np.minimum(mean - middle, 0.0)
+    parts[1] = np.maximum(mean - middle, 0.0)
+    parts[2] = mean
+    power = np.abs(spectra.spectra_of(parts, taper, size)) ** 2
+    dark = bright = whole = unknown = 0.0
+    use = int(0.5 * spectra.HIGHEST * size)
+    for f in range(use):
+        dark += f * f * power[0, f]
+        bright += f * f * power[1, f]
+        whole += f * f * power[2, f]
+        unknown += f * f * min(power[2, f], 1.0 / max(precision[f], 1e-12))
+    share = max(dark - bright, 0.0) / max(dark + bright, 1e-12)
+    return min(share, unknown / max(whole, 1e-12))
 
 
 @linked
