@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from linescan_odometry.joint import candidates, spectra
-from linescan_odometry.joint.fit import Fit, absorbed, assess, explained, scatter, unequal_pixels
+from linescan_odometry.joint.fit import Fit, absorbed, assess, explained, scatter, spread, unequal_pixels
 from linescan_odometry.joint.likelihood import Expansion, expand, observe, window, without
 from linescan_odometry.matching.transforms import transform_size
 from linescan_odometry.measurements import Displacement, Unmeasured
@@ -17,7 +17,7 @@ from omni_core.signals import Lines
 
 _ACCELERATION = 15.0  # m/s^2, standard deviation; a hard stop on a dry road reaches 10
 _MEMORY = 0.5  # s; time constant with which older batches lose weight in the pattern
-_FEWEST = 2.5  # smallest number of independent moving features; a shadow's edge counts as up to 7
+_FEWEST = 6.0  # smallest number of independent moving features; a shadow's edge counts as up to 7
 _TWO_MOTIONS = 0.25  # px; limit on `Fit.difference`; a larger difference indicates two motions
 _LEAST_CONTRAST = -1.0  # gradient energy over noise; below it, wood may match another motion
 _SHIFTED = 3 * candidates.APART  # px within a batch; beyond it, ground and pattern can be separated
@@ -193,7 +193,9 @@ def _estimate(
     known = spectra.shrink(pattern.information, pattern.precision)
     mean = transformed.sum(axis=0) / np.float32(layout.lines)
     usual = candidates.correlate(transformed, known)
-    varying = candidates.correlate(transformed, mean)
+    fine = spectra.limited(logs, layout.pixels // 32)
+    details = spectra.spectra_of(fine, camera.taper, layout.size)
+    varying = candidates.correlate(details, np.zeros_like(mean))
     found = candidates.find((usual, varying), layout, camera.weight, last)
     remainder = varying if layout.lines >= spectra.FEWEST_LINES else usual
     view = _View(lines, logs, transformed, found, usual, remainder)
@@ -240,9 +242,10 @@ def _estimate(
     if not variance < camera.widest:
         return Estimate(d, math.inf, flaw or "no maximum of the likelihood", shown, 0.0, pattern, detail)
     detail[6] = own.features
-    detail[7] = own.contrast
-    detail[8] = own.difference
+    detail[7], detail[8] = spread(fine, motion)
     d = value
+    if moves and abs(d) * (layout.lines - 1) >= candidates.APART and detail[7] < _FEWEST:
+        flaw = flaw or "dominated by few features"
     flaw = flaw or _flaw(own, variance, moves, abs(d) * (layout.lines - 1))
     if parted and not flaw:
         # The weight of earlier batches decays exponentially.
@@ -350,7 +353,7 @@ def _flaw(best: Fit, variance: float, moves: bool, shift: float) -> str:
         moves: whether the displacement is a motion instead of rest.
         shift: total displacement within the batch [px].
     """
-    if (moves and best.features < _FEWEST) or not math.isfinite(variance):
+    if not math.isfinite(variance):
         return "dominated by few features"
     if moves and best.difference > _TWO_MOTIONS:
         return "two motions"

@@ -123,6 +123,33 @@ def explained(
 
 @linked
 @kernel
+def spread(details: Floats, motion: Doubles) -> tuple[float, float]:
+    """Return the effective number of ground segments with coherent details, and their coherence."""
+    m, n = details.shape
+    kappa = np.arange(m) - 0.5 * (m - 1)
+    paths = motion[0] * kappa + 0.5 * motion[1] * kappa**2
+    length = n / PLACES
+    lowest = paths.min()
+    places = int((n + paths.max() - lowest) / length) + 1
+    shared, whole, number = np.zeros(places), np.zeros(places), np.zeros(places)
+    for k in range(m - 1):
+        step = paths[k] - paths[k + 1]
+        below = math.floor(step)
+        share = np.float32(step - below)
+        for i in range(max(0, -below), min(n, n - 1 - below)):
+            j = i + below
+            other = (np.float32(1.0) - share) * details[k + 1, j] + share * details[k + 1, j + 1]
+            p = int((i + paths[k] - lowest) / length)
+            shared[p] += details[k, i] * other
+            whole[p] += details[k, i] * details[k, i]
+            number[p] += 1.0
+    energy = np.maximum(shared, 0.0)
+    total = energy.sum()
+    return total**2 / max((energy * energy).sum(), 1e-12), shared.sum() / max(whole.sum(), 1e-12)
+
+
+@linked
+@kernel
 def absorbed(lines: Floats, precision: Doubles, taper: Floats, size: int) -> float:
     """Return the share of the mean line's power that darkens more than it brightens [1]."""
     mean = lines.sum(axis=0) / np.float32(len(lines))
