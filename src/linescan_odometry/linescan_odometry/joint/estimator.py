@@ -215,6 +215,7 @@ def _estimate(
     gains = max(gains, 1.0 / camera.stated)
     prior = 1.0 / (pattern.precision + 1.0 / max(gains, 1e-12))
     own = Fit(math.inf, math.inf, 0.0, 0.0, 0.0, 0.0)
+    motion = np.array([d, 0.0])
     variance, value, batch, shown = math.inf, d, pattern, view.logs
     # Over a short distance, ground and pattern cannot be separated. The prior of the pattern then
     # determines the split.
@@ -229,16 +230,19 @@ def _estimate(
             ground = 1.0 - absorbed(shown, pattern.precision, camera.taper, layout.size)
             detail[11] = share
             detail[9] = ground
-            if share < 0.5:
-                variance = math.inf
-            else:
-                variance = variance / max(ground, 1e-6) ** 2 + (value * (1.0 / share - 1.0)) ** 2 + (value * (1.0 / max(ground, 1e-6) - 1.0)) ** 2
-    parted = moves and layout.lines >= spectra.FEWEST_LINES and not math.isfinite(variance)
+            clean = max(share * ground, 1e-6)
+            variance += ((abs(value) + math.sqrt(variance)) * (1.0 / clean - 1.0)) ** 2
+    parted = moves and layout.lines >= spectra.FEWEST_LINES
     if parted:
-        motion, shown, batch, here = _maximize(view, camera, pattern, layout, (d, mean), 0.0 * prior)
-        if np.isfinite(motion).all():
-            value, own = motion[0], assess(shown, here)
-            variance = own.variance + scatter(view.remainder, layout, value, (candidates.LIKELY, candidates.RATIO))
+        motion2, shown2, batch2, here = _maximize(view, camera, pattern, layout, (d, mean), 0.0 * prior)
+        if np.isfinite(motion2).all():
+            own2 = assess(shown2, here)
+            variance2 = own2.variance + scatter(view.remainder, layout, motion2[0], (candidates.LIKELY, candidates.RATIO))
+            parted = variance2 < variance
+            if parted:
+                motion, shown, batch, own, variance, value = motion2, shown2, batch2, own2, variance2, motion2[0]
+        else:
+            parted = False
     if not variance < camera.widest:
         return Estimate(d, math.inf, flaw or "no maximum of the likelihood", shown, 0.0, pattern, detail)
     detail[6] = own.features
