@@ -241,9 +241,41 @@ def rate(rest: Correlation, layout: Layout, found: Doubles) -> Doubles:
     """
     evidence, rest = np.zeros(len(found)), against_noise(rest, layout)
     for i in range(len(found)):
-        for which in range(farthest(found[i], layout) + 1):
-            evidence[i] = max(evidence[i], coherent(rest, layout, found[i], which))
+        for last in range(farthest(found[i], layout) + 1):
+            evidence[i] = max(evidence[i], pooled(rest, layout, found[i], last))
     return evidence
+
+
+@kernel
+def pooled(rest: Correlation, layout: Layout, displacement: float, last: int) -> float:
+    """Return the log-likelihood ratio of a displacement versus noise, from several spacings [nats].
+
+    Under noise alone, pairs of lines at different spacings are independent.
+
+    Args:
+        rest: correlations between the lines.
+        layout: sizes of the batch.
+        displacement: displacement per line [px].
+        last: index of the largest line spacing in `spacings` that counts.
+    """
+    edges, count = bands(layout.size), int(_COMPARED * layout.size)
+    edges = edges[edges <= count]
+    gains, powers, numbers = np.zeros((3, len(edges) - 1))
+    for which in range(last + 1):
+        shift = np.full(1, spacings(layout.lines)[which] * displacement)
+        value, turn = rest.lagged[which, :count], phases(shift, layout.size, count)[0]
+        overlap = max(1.0 - abs(shift[0]) / layout.pixels, 1e-3)
+        pairs = layout.lines - spacings(layout.lines)[which]
+        for b in range(len(edges) - 1):
+            for f in range(edges[b], edges[b + 1]):
+                gains[b] += pairs * (value[f].real * turn[f].real - value[f].imag * turn[f].imag)
+                powers[b] += pairs * overlap * rest.power[f]
+                numbers[b] += overlap**2 * rest.number[which, f]
+    total = 0.0
+    for b in range(len(edges) - 1):
+        coherence = min(max(gains[b] / max(powers[b], 1e-9), 0.0), 0.999)
+        total -= 0.5 * numbers[b] * layout.pixels / layout.size * math.log1p(-coherence**2)
+    return total
 
 
 @kernel

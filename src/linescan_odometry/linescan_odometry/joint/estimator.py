@@ -244,6 +244,7 @@ def _estimate(
         else:
             parted = False
     if not variance < camera.widest:
+        detail[6], detail[7], detail[8] = variance, own.variance, own.white
         return Estimate(d, math.inf, flaw or "no maximum of the likelihood", shown, 0.0, pattern, detail)
     detail[6] = own.features
     detail[7], detail[8] = spread(fine, motion)
