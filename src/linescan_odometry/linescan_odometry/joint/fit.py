@@ -99,25 +99,30 @@ def explained(
     kappa = np.arange(m) - 0.5 * (m - 1)
     turn = phases(motion[0] * kappa + 0.5 * motion[1] * kappa**2, layout.size, count)
     use = int(0.5 * spectra.HIGHEST * layout.size)
-    before = after = total = 0.0
-    modes = min(3, m - 1)
+    before = after = total = faster = 0.0
+    modes, all_modes = min(3, m - 1), min(8, m // 2)
     mean = lines[:, :use].sum(axis=0) / np.float32(m)
     for k in range(m):
         total += (np.abs(lines[k, 1:use] - mean[1:]) ** 2).sum()
-    for j in range(modes):
+    for j in range(max(modes, all_modes)):
         one, two = np.zeros(use, np.complex64), np.zeros(use, np.complex64)
         for k in range(m):
             w = np.float32(math.cos(math.pi * (j + 1) * (k + 0.5) / m) * math.sqrt(2.0 / m))
             for f in range(1, use):
                 one[f] += w * lines[k, f]
                 two[f] += w * lines[k, f] * turn[k, f]
-        before += (one.real**2 + one.imag**2).sum()
-        after += (two.real**2 + two.imag**2).sum()
-    noise = (total - before) / max(m - 1 - modes, 1)
+        if j < modes:
+            before += (one.real**2 + one.imag**2).sum()
+            after += (two.real**2 + two.imag**2).sum()
+        else:
+            faster += (one.real**2 + one.imag**2).sum()
+    noise = (total - before - faster) / max(m - 1 - max(modes, all_modes), 1)
     whole = before - modes * noise
     chance = spectra.SIGNIFICANT * noise * math.sqrt(2.0 * modes / use)
     if whole <= chance:
         return 1.0
+    if faster - (all_modes - modes) * noise > 0.5 * whole + chance:
+        return 0.0
     return min(max((before - after + chance) / whole, 0.0), 1.0)
 
 
