@@ -123,6 +123,7 @@ class JointEstimator:
         unknown = spectra.FixedPattern(np.zeros(bins, np.complex64), np.zeros(bins))
         self.pattern = unknown if pattern is None else pattern
         self._last = math.nan
+        self._waiting, self._sd = math.nan, math.inf
 
     def reset(self) -> None:
         """Discard the last displacement; the next line starts a new sequence."""
@@ -143,8 +144,16 @@ class JointEstimator:
         import linescan_odometry
         if hasattr(linescan_odometry, "LOG"):
             linescan_odometry.LOG.append((id(self), estimate.value, estimate.variance, estimate.reason, estimate.detail))
+        before, self._waiting = self._waiting, math.nan
         if estimate.reason:
             raise Unmeasured(estimate.reason, unmatched=True)
+        self._waiting = estimate.value
+        own, self._sd = math.sqrt(estimate.variance), self._sd
+        last_sd, self._sd = self._sd, own
+        if estimate.detail[6] < _FEWEST and estimate.detail[5] > 0:
+            reach = 4.0 * math.hypot(own, last_sd) + self._camera.spread * (len(lines) - 1)
+            if not abs(estimate.value - before) <= reach:
+                raise Unmeasured("unconfirmed: few features, and the batch before differs", unmatched=True)
         if not plausibility.check(stamp_ns, np.array([estimate.value]))[0]:
             raise Unmeasured(
                 f"not plausible: {estimate.value:.3g} px per line needs more than "
