@@ -20,18 +20,16 @@ from numpy.typing import NDArray
 from linescan_odometry.joint import spectra
 from linescan_odometry.joint.spectra import Doubles, Floats, Spectrum
 from omni_core.kernels import kernel, linked
-from omni_core.signals import Lines
 
 _PEAKS = 2  # number of candidates from each stack
 APART = 8  # px per line; smallest distance between two peaks
 _COARSEST = 100.0  # px; size of the largest texture details that pass the filter of the stack
 SPACINGS = 4  # number of line spacings that are correlated
 # Highest frequency at which candidates are compared [cycles per pixel].
-_COMPARED = 0.5 * spectra.HIGHEST
+COMPARED = 0.5 * spectra.HIGHEST
 LIKELY = 25.0  # nats; smallest log-likelihood of a valid displacement
 # Ratio of the second-best log-likelihood to the best one; above it, the peak is ambiguous.
 RATIO = 0.5
-_MODES = 3  # number of the slowest changes within a batch that are tested for color
 _FIRST_BAND, _BAND_GROWTH = 0.002, 1.45  # cycles per pixel; ratio of band edges
 
 
@@ -232,7 +230,8 @@ def _refined(correlation: Floats, peak: int, layout: Layout) -> float:
 def rate(rest: Correlation, layout: Layout, found: Doubles) -> Doubles:
     """Return the log-likelihood ratio of each candidate versus noise [nats], shape (c,).
 
-    The result is the largest ratio at any line spacing up to `farthest`, and at least 0.
+    The result is the largest ratio of the line spacings up to any spacing, at most `farthest`, and
+    at least 0.
 
     Args:
         rest: correlations between the lines.
@@ -258,14 +257,16 @@ def pooled(rest: Correlation, layout: Layout, displacement: float, last: int) ->
         displacement: displacement per line [px].
         last: index of the largest line spacing in `spacings` that counts.
     """
-    edges, count = bands(layout.size), int(_COMPARED * layout.size)
-    edges = edges[edges <= count]
+    edges, count = bands(layout.size), int(COMPARED * layout.size)
+    edges, distances = edges[edges <= count], spacings(layout.lines)
     gains, powers, numbers = np.zeros((3, len(edges) - 1))
     for which in range(last + 1):
-        shift = np.full(1, spacings(layout.lines)[which] * displacement)
+        shift = np.full(1, distances[which] * displacement)
         value, turn = rest.lagged[which, :count], phases(shift, layout.size, count)[0]
-        overlap = max(1.0 - abs(shift[0]) / layout.pixels, 1e-3)
-        pairs = layout.lines - spacings(layout.lines)[which]
+        overlap, pairs = (
+            max(1.0 - abs(shift[0]) / layout.pixels, 1e-3),
+            layout.lines - distances[which],
+        )
         for b in range(len(edges) - 1):
             for f in range(edges[b], edges[b + 1]):
                 gains[b] += pairs * (value[f].real * turn[f].real - value[f].imag * turn[f].imag)
@@ -274,7 +275,7 @@ def pooled(rest: Correlation, layout: Layout, displacement: float, last: int) ->
     total = 0.0
     for b in range(len(edges) - 1):
         coherence = min(max(gains[b] / max(powers[b], 1e-9), 0.0), 0.999)
-        total -= 0.5 * numbers[b] * layout.pixels / layout.size * math.log1p(-coherence**2)
+        total -= 0.5 * numbers[b] * layout.pixels / layout.size * math.log1p(-(coherence**2))
     return total
 
 
@@ -299,22 +300,22 @@ def coherent(rest: Correlation, layout: Layout, displacement: float, which: int)
         which: index of the line spacing in `spacings`.
     """
     shift = np.full(1, spacings(layout.lines)[which] * displacement)
-    value = rest.lagged[which, : int(_COMPARED * layout.size)]
+    value = rest.lagged[which, : int(COMPARED * layout.size)]
     turn, gain = phases(shift, layout.size, len(value))[0], np.empty(len(value), np.float32)
     for f in range(len(gain)):
         gain[f] = value[f].real * turn[f].real - value[f].imag * turn[f].imag
     overlap = max(1.0 - abs(shift[0]) / layout.pixels, 1e-3)
-    return _ratio(rest, layout, gain, overlap, which)
+    return ratio(rest, layout, gain, overlap, which)
 
 
 @kernel
-def _ratio(rest: Correlation, layout: Layout, gain: Floats, overlap: float, which: int) -> float:
+def ratio(rest: Correlation, layout: Layout, gain: Floats, overlap: float, which: int) -> float:
     """Return the log-likelihood ratio of coherent versus incoherent lines [nats].
 
     Args:
         rest: correlations between the lines.
         layout: sizes of the batch.
-        gain: power that the lines have in common, at the frequencies up to `_COMPARED`.
+        gain: power that the lines have in common, at the frequencies up to `COMPARED`.
         overlap: share of the lines that shows the same ground [1].
         which: index of the line spacing in `spacings`.
     """
@@ -368,72 +369,6 @@ def phases(paths: Doubles, size: int, count: int) -> Spectrum:
             known *= 2
             factor *= factor
     return turned
-
-
-@kernel
-def turning(rest: Correlation, layout: Layout) -> float:
-    """Return the log-likelihood ratio of any motion along the axis versus none [nats].
-
-    Motion along the axis turns the phases of the correlations between lines; motion across the axis
-    only reduces the correlations. In the first hypothesis, the phase at each frequency is free. The
-    result is the largest ratio at any line spacing.
-
-    Args:
-        rest: correlations between the lines.
-        layout: sizes of the batch.
-    """
-    largest, count = 0.0, int(_COMPARED * layout.size)
-    power = rest.power[:count] ** 2
-    for which in range(SPACINGS):
-        # For noise alone, the squared coherence of N pairs is 1 / N on average.
-        noise = np.float32(1.0 / max(layout.lines - spacings(layout.lines)[which], 2))
-        square = np.abs(rest.lagged[which, :count]) ** 2 - noise * power
-        gain = np.sqrt(np.maximum(square / (1.0 - noise), 0.0)).astype(np.float32)
-        free = _ratio(rest, layout, gain, 1.0, which)
-        largest = max(largest, free - coherent(rest, layout, 0.0, which))
-    return largest
-
-
-@kernel
-def colored(lines: Lines, taper: Floats, layout: Layout, slowly: bool) -> float:
-    """Return the log-likelihood ratio of colored versus white differences of lines [nats].
-
-    The differences of neighboring lines contain no fixed pattern. At rest, they contain only noise,
-    which is white. If the ground moves, they also contain its texture, which is colored because the
-    optics attenuate high frequencies. The log-likelihood ratio follows from the spectral flatness:
-    the geometric mean of a spectrum divided by its arithmetic mean.
-
-    Args:
-        lines: gray levels, shape (m, n), without interpolated pixels, because interpolation colors
-            the noise. Their logarithm would amplify the noise of dark pixels.
-        taper: factor of each pixel before the transform, shape (n,).
-        layout: sizes of the batch.
-    """
-    levels = lines.astype(np.float32)
-    mean = np.float32(max(levels.mean(), 1.0))
-    for k in range(len(levels)):
-        # The gain of a line, for example under mains light, would color its differences.
-        levels[k] *= mean / np.float32(max(levels[k].mean(), 1.0))
-    if slowly:
-        modes = min(_MODES, layout.lines - 1)
-        slow = np.zeros((modes, layout.pixels), np.float32)
-        for j in range(modes):
-            for k in range(layout.lines):
-                slow[j] += np.float32(math.cos(math.pi * (j + 1) * (k + 0.5) / layout.lines)) * levels[k]
-        transformed = np.abs(spectra.spectra_of(slow, taper, layout.size)) ** 2
-        number = (taper**2).sum() / layout.size * modes
-    else:
-        transformed = np.abs(spectra.spectra_of(levels[1:] - levels[:-1], taper, layout.size)) ** 2
-        number = (taper**2).sum() / layout.size * (layout.lines - 1) / 1.5
-    edges, total, logarithm = bands(layout.size), 0.0, 0.0
-    for b in range(len(edges) - 1):
-        i, j = edges[b], edges[b + 1]
-        power = max(transformed[:, i:j].sum(), 1e-9)
-        total += power
-        logarithm += (j - i) * math.log(power / (j - i))
-    count = edges[-1] - edges[0]
-    # For white noise, the estimated power of each band except one adds half a nat on average.
-    return float(number * (count * math.log(total / count) - logarithm) - 0.5 * (len(edges) - 2))
 
 
 @kernel

@@ -5,8 +5,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from linescan_odometry.joint import candidates, spectra
-from linescan_odometry.joint.fit import Fit, absorbed, assess, explained, scatter, spread, unequal_pixels
+from linescan_odometry.joint import candidates, spectra, static
+from linescan_odometry.joint.details import limited, spread
+from linescan_odometry.joint.fit import assess, scatter, unequal_pixels
 from linescan_odometry.joint.likelihood import Expansion, expand, observe, window, without
 from linescan_odometry.matching.transforms import transform_size
 from linescan_odometry.measurements import Displacement, Unmeasured
@@ -17,9 +18,12 @@ from omni_core.signals import Lines
 
 _ACCELERATION = 15.0  # m/s^2, standard deviation; a hard stop on a dry road reaches 10
 _MEMORY = 0.5  # s; time constant with which older batches lose weight in the pattern
-_FEWEST = 6.0  # smallest number of independent moving features; a shadow's edge counts as up to 7
+# Smallest number of independent features: a bar of shadow moves with two edges, each of which is
+# up to three of the 24 segments of a line long.
+_FEWEST = 6.0
 _TWO_MOTIONS = 0.25  # px; limit on `Fit.difference`; a larger difference indicates two motions
-_LEAST_CONTRAST = -1.0  # gradient energy over noise; below it, wood may match another motion
+_WIDEST = 1.0  # m/s; a velocity with a larger standard deviation is of no use to a vehicle
+_AGREE = 4.0  # standard deviations up to which two successive displacements agree
 _SHIFTED = 3 * candidates.APART  # px within a batch; beyond it, ground and pattern can be separated
 _DARKEST = 0.1  # gray level that is added before the logarithm, relative to the mean gray level
 
@@ -35,6 +39,8 @@ class Estimate(NamedTuple):
             displacement was rejected before the fit, the pattern is not subtracted.
         coherence: coherence between neighboring lines [1]; 0 if the displacement was rejected
             before the fit.
+        few: whether the displacement is based on so few features that the next batch must confirm
+            it.
         pattern: fixed pattern after this batch.
     """
 
@@ -43,8 +49,8 @@ class Estimate(NamedTuple):
     reason: str
     rest: spectra.Floats
     coherence: float
+    few: bool
     pattern: spectra.FixedPattern
-    detail: spectra.Doubles
 
 
 class _Camera(NamedTuple):
@@ -56,6 +62,7 @@ class _Camera(NamedTuple):
         stated: precision of the prior of the fixed pattern, from the configured `non_uniformity`.
         spread: prior standard deviation of the change of the displacement from line to line [px].
         fading: share of their weight that older batches lose in the pattern, per line [1].
+        widest: largest variance of a valid displacement per line [px^2].
     """
 
     taper: spectra.Floats
@@ -76,8 +83,8 @@ class _View(NamedTuple):
         spectra: spectra of `logs`, shape (m, F).
         found: candidates for the displacement per line [px], shape (c,).
         usual: correlations after subtraction of the fixed pattern known before this batch.
-        remainder: correlations after subtraction of the mean of `spectra`, or `usual` if the batch
-            has few lines.
+        details: limited details of the lines, shape (m, n).
+        remainder: correlations of `details`, or `usual` if the batch has few lines.
     """
 
     recorded: Lines
@@ -85,7 +92,31 @@ class _View(NamedTuple):
     spectra: spectra.Spectrum
     found: spectra.Doubles
     usual: candidates.Correlation
+    details: spectra.Floats
     remainder: candidates.Correlation
+
+
+class _Solution(NamedTuple):
+    """Displacement at a maximum of the likelihood.
+
+    Attributes:
+        motion: displacement per line in the middle of the batch [px] and its change from line to
+            line [px], shape (2,).
+        variance: variance of the displacement [px^2]; infinite without a maximum.
+        features: effective number of independent features that move with the displacement.
+        coherence: coherence between neighboring lines, weighted by power [1].
+        difference: the attribute of the same name in `Fit` [px].
+        rest: logarithm of the gray levels, minus the fixed pattern, shape (m, n).
+        pattern: pattern estimated from this batch alone, if it can be separated.
+    """
+
+    motion: spectra.Doubles
+    variance: float
+    features: float
+    coherence: float
+    difference: float
+    rest: spectra.Floats
+    pattern: spectra.FixedPattern
 
 
 class JointEstimator:
@@ -119,15 +150,17 @@ class JointEstimator:
         stated = 1.0 / power if power > 0.0 else math.inf
         weight = candidates.band_pass(self._size, bins)
         change = _ACCELERATION / (sensor.line_rate**2 * sensor.pixel_pitch)
-        self._camera = _Camera(taper, weight, stated, change, 1.0 / (sensor.line_rate * _MEMORY), (1.0 / (sensor.line_rate * sensor.pixel_pitch)) ** 2)
+        fading = 1.0 / (sensor.line_rate * _MEMORY)
+        widest = (_WIDEST / (sensor.line_rate * sensor.pixel_pitch)) ** 2
+        self._camera = _Camera(taper, weight, stated, change, fading, widest)
         unknown = spectra.FixedPattern(np.zeros(bins, np.complex64), np.zeros(bins))
         self.pattern = unknown if pattern is None else pattern
-        self._last = math.nan
-        self._waiting, self._sd = math.nan, math.inf
+        self.reset()
 
     def reset(self) -> None:
         """Discard the last displacement; the next line starts a new sequence."""
         self._last = math.nan
+        self._before = math.nan, math.inf  # of the last batch, even if it was not confirmed
 
     def measure(self, lines: Lines, plausibility: Plausibility, stamp_ns: int) -> Displacement:
         """Return the mean displacement per line in a batch.
@@ -141,19 +174,14 @@ class JointEstimator:
             Unmeasured: the lines do not determine a displacement.
         """
         estimate = self.estimate(lines)
-        import linescan_odometry
-        if hasattr(linescan_odometry, "LOG"):
-            linescan_odometry.LOG.append((id(self), estimate.value, estimate.variance, estimate.reason, estimate.detail))
-        before, self._waiting = self._waiting, math.nan
+        (last, uncertain), self._before = self._before, (math.nan, math.inf)
         if estimate.reason:
             raise Unmeasured(estimate.reason, unmatched=True)
-        self._waiting = estimate.value
-        own, self._sd = math.sqrt(estimate.variance), self._sd
-        last_sd, self._sd = self._sd, own
-        if estimate.detail[6] < _FEWEST and estimate.detail[5] > 0:
-            reach = 4.0 * math.hypot(own, last_sd) + self._camera.spread * (len(lines) - 1)
-            if not abs(estimate.value - before) <= reach:
-                raise Unmeasured("unconfirmed: few features, and the batch before differs", unmatched=True)
+        self._before = estimate.value, estimate.variance
+        change = self._camera.spread * (len(lines) - 1)
+        reach = _AGREE * math.sqrt(estimate.variance + uncertain + change**2)
+        if estimate.few and not abs(estimate.value - last) < reach < math.inf:
+            raise Unmeasured("few features, which the last batch does not confirm", unmatched=True)
         if not plausibility.check(stamp_ns, np.array([estimate.value]))[0]:
             raise Unmeasured(
                 f"not plausible: {estimate.value:.3g} px per line needs more than "
@@ -198,77 +226,36 @@ def _estimate(
         layout: sizes of the batch.
         last: displacement per line in the previous batch [px]; NaN without a previous batch.
     """
-    transformed = spectra.spectra_of(logs, camera.taper, layout.size)
+    transformed, details = spectra.spectra_of(logs, camera.taper, layout.size), limited(logs)
     known = spectra.shrink(pattern.information, pattern.precision)
-    mean = transformed.sum(axis=0) / np.float32(layout.lines)
     usual = candidates.correlate(transformed, known)
-    fine = spectra.limited(logs, layout.pixels // 32)
-    details = spectra.spectra_of(fine, camera.taper, layout.size)
-    varying = candidates.correlate(details, np.zeros_like(mean))
-    found = candidates.find((usual, varying), layout, camera.weight, last)
-    remainder = varying if layout.lines >= spectra.FEWEST_LINES else usual
-    view = _View(lines, logs, transformed, found, usual, remainder)
+    changing = spectra.spectra_of(details, camera.taper, layout.size)
+    remainder = candidates.correlate(changing, np.zeros_like(known))
+    found = candidates.find((usual, remainder), layout, camera.weight, last)
+    several = layout.lines >= spectra.FEWEST_LINES
+    view = _View(lines, logs, transformed, found, usual, details, remainder if several else usual)
     d, moves, flaw = _choose(view, camera, layout)
-    ev = candidates.rate(remainder, layout, found)
-    detail = np.zeros(12)
-    detail[0] = ev.max()
-    k = int(np.argmin(np.abs(found - d)))
-    detail[1] = ev[k]
-    detail[2] = candidates.colored(view.recorded, camera.taper, layout, True)
-    detail[3] = candidates.turning(remainder, layout)
-    detail[4] = candidates.coherent(candidates.against_noise(view.usual, layout), layout, d, 0)
-    detail[5] = 1.0 if moves else 0.0
-    far = np.abs(found - d) >= candidates.APART
-    detail[10] = ev[far].max() if far.any() else 0.0
-    gains = unequal_pixels(view.logs) * (camera.taper**2).sum()
-    gains = max(gains, 1.0 / camera.stated)
-    prior = 1.0 / (pattern.precision + 1.0 / max(gains, 1e-12))
-    own = Fit(math.inf, math.inf, 0.0, 0.0, 0.0, 0.0)
-    motion = np.array([d, 0.0])
-    variance, value, batch, shown = math.inf, d, pattern, view.logs
-    # Over a short distance, ground and pattern cannot be separated. The prior of the pattern then
-    # determines the split.
-    if not moves or layout.lines < spectra.FEWEST_LINES or abs(d) * (layout.lines - 1) < _SHIFTED:
-        motion, shown, batch, here = _maximize(view, camera, pattern, layout, (d, known), prior)
-        if np.isfinite(motion).all():
-            value, own = motion[0], assess(shown, here)
-            variance = own.variance
-            if not moves and not math.isfinite(variance):
-                variance = own.white  # at rest all lines are equal, so few features suffice
-            share = explained(transformed - known, motion, layout)
-            ground = 1.0 - absorbed(shown, pattern.precision, camera.taper, layout.size)
-            detail[11] = share
-            detail[9] = ground
-            clean = max(share * ground, 1e-6)
-            variance += ((abs(value) + math.sqrt(variance)) * (1.0 / clean - 1.0)) ** 2
-    parted = moves and layout.lines >= spectra.FEWEST_LINES
-    if parted:
-        motion2, shown2, batch2, here = _maximize(view, camera, pattern, layout, (d, mean), 0.0 * prior)
-        if np.isfinite(motion2).all():
-            own2 = assess(shown2, here)
-            variance2 = own2.variance + scatter(view.remainder, layout, motion2[0], (candidates.LIKELY, candidates.RATIO))
-            parted = variance2 < variance
-            if parted:
-                motion, shown, batch, own, variance, value = motion2, shown2, batch2, own2, variance2, motion2[0]
-        else:
-            parted = False
-    if not variance < camera.widest:
-        detail[6], detail[7], detail[8] = variance, own.variance, own.white
-        return Estimate(d, math.inf, flaw or "no maximum of the likelihood", shown, 0.0, pattern, detail)
-    detail[6] = own.features
-    detail[7], detail[8] = spread(fine, motion)
-    d = value
-    if moves and abs(d) * (layout.lines - 1) >= candidates.APART and detail[7] < _FEWEST:
-        flaw = flaw or "dominated by few features"
-    flaw = flaw or _flaw(own, variance, moves, abs(d) * (layout.lines - 1))
+    best = _Solution(np.array([d, 0.0]), math.inf, 0.0, 0.0, 0.0, logs, pattern)
+    if not flaw and (not (moves and several) or abs(d) * (layout.lines - 1) < _SHIFTED):
+        best = _slow(view, camera, pattern, layout, (d, known))
+    parted = False
+    if not flaw and moves and several:
+        mean = transformed.sum(axis=0) / np.float32(layout.lines)
+        other = _moving(view, camera, pattern, layout, (d, mean))
+        parted = other.variance < best.variance
+        best = other if parted else best
+    if not flaw:
+        flaw = _flaw(best, moves, view, camera)
+    value = best.motion[0]
     if parted and not flaw:
         # The weight of earlier batches decays exponentially.
         kept = np.float32(max(1.0 - (layout.lines - 1) * camera.fading, 0.0))
         pattern = spectra.FixedPattern(
-            pattern.information * kept + batch.information,
-            pattern.precision * kept + batch.precision,
+            pattern.information * kept + best.pattern.information,
+            pattern.precision * kept + best.pattern.precision,
         )
-    return Estimate(d, variance, flaw, shown, own.coherence, pattern, detail)
+    few = moves and best.features < _FEWEST
+    return Estimate(value, best.variance, flaw, best.rest, best.coherence, few, pattern)
 
 
 @kernel
@@ -278,7 +265,8 @@ def _choose(view: _View, camera: _Camera, layout: candidates.Layout) -> tuple[fl
     At rest, the lines minus the mean of all lines are white noise. The vehicle therefore counts as
     moving if a displacement explains these differences. A candidate near rest is nevertheless
     chosen if neighboring lines differ only by white noise and nothing shifts along the axis: slow
-    motion across the axis changes the lines without shifting them.
+    motion across the axis changes the lines without shifting them. If even the slow changes are
+    white noise, it counts as rest.
 
     Args:
         view: the batch.
@@ -294,21 +282,87 @@ def _choose(view: _View, camera: _Camera, layout: candidates.Layout) -> tuple[fl
     best = int(np.argmax(evidence))
     # If the shift within the batch is below the smallest distance between two peaks, the candidate
     # counts as rest.
-    static = np.flatnonzero(np.abs(found) * (layout.lines - 1) < candidates.APART)
+    near = np.flatnonzero(np.abs(found) * (layout.lines - 1) < candidates.APART)
     # Noise alone rarely exceeds half of the log-likelihood that a valid displacement requires.
     limit = candidates.RATIO * candidates.LIKELY
     moves = evidence[best] >= limit
-    if len(static) > 0 and (not moves or candidates.turning(remainder, layout) < limit):
-        c = found[static[int(np.argmax(evidence[static]))]]
-        if candidates.colored(view.recorded, camera.taper, layout, True) < limit:
+    if len(near) > 0 and (not moves or static.turning(remainder, layout) < limit):
+        c = found[near[int(np.argmax(evidence[near]))]]
+        if static.colored(view.recorded, camera.taper, layout, True) < limit:
             own = candidates.coherent(candidates.against_noise(view.usual, layout), layout, c, 0)
             return c, False, "" if own > candidates.LIKELY else "low texture"
-        if candidates.colored(view.recorded, camera.taper, layout, False) < limit:
+        if static.colored(view.recorded, camera.taper, layout, False) < limit:
             return c, True, ""
     if evidence[best] < candidates.LIKELY:
         return found[best], True, "low texture"
     best, ambiguous = candidates.decide(remainder, layout, found, evidence)
     return found[best], True, "ambiguous" if ambiguous else ""
+
+
+@kernel
+def _slow(
+    view: _View,
+    camera: _Camera,
+    pattern: spectra.FixedPattern,
+    layout: candidates.Layout,
+    start: tuple[float, spectra.Spectrum],
+) -> _Solution:
+    """Return the displacement near a candidate, from lines that still contain an unknown pattern.
+
+    Over a short distance, and with few lines, ground and pattern cannot be separated. An unknown
+    pattern reduces the displacement. The variance therefore includes the displacement that the
+    lines would show if only the explained share of the slow changes, and only the share of the mean
+    line that does not look like dirt, were ground.
+
+    Args:
+        view: the batch.
+        camera: constants of the camera.
+        pattern: fixed pattern before this batch.
+        layout: sizes of the batch.
+        start: displacement per line of the candidate [px], and the pattern that is subtracted.
+    """
+    gains = max(unequal_pixels(view.logs) * (camera.taper**2).sum(), 1.0 / camera.stated)
+    prior = 1.0 / (pattern.precision + 1.0 / max(gains, 1e-12))
+    motion, rest, batch, here = _maximize(view, camera, pattern, layout, start, prior)
+    if not np.isfinite(motion).all():
+        return _Solution(motion, math.inf, 0.0, 0.0, 0.0, rest, batch)
+    fit = assess(rest, here)
+    # At rest all lines are equal, so few features suffice.
+    variance = fit.variance if math.isfinite(fit.variance) else fit.white
+    share = static.explained(view.spectra - start[1], motion, layout)
+    share *= static.ground_share(rest, pattern, camera.taper, layout)
+    if share <= 0.0:
+        return _Solution(motion, math.inf, 0.0, 0.0, 0.0, rest, batch)
+    variance += ((abs(motion[0]) + math.sqrt(variance)) * (1.0 / share - 1.0)) ** 2
+    return _Solution(motion, variance, fit.features, fit.coherence, 0.0, rest, batch)
+
+
+@kernel
+def _moving(
+    view: _View,
+    camera: _Camera,
+    pattern: spectra.FixedPattern,
+    layout: candidates.Layout,
+    start: tuple[float, spectra.Spectrum],
+) -> _Solution:
+    """Return the displacement near a candidate, and the pattern, which are estimated together.
+
+    Args:
+        view: the batch.
+        camera: constants of the camera.
+        pattern: fixed pattern before this batch.
+        layout: sizes of the batch.
+        start: displacement per line of the candidate [px], and the pattern that is subtracted
+            first.
+    """
+    none = np.zeros(len(pattern.precision))
+    motion, rest, batch, here = _maximize(view, camera, pattern, layout, start, none)
+    if not np.isfinite(motion).all():
+        return _Solution(motion, math.inf, 0.0, 0.0, 0.0, rest, batch)
+    fit = assess(rest, here)
+    rivals = scatter(view.remainder, layout, motion[0], (candidates.LIKELY, candidates.RATIO))
+    variance, coherence = fit.variance + rivals, fit.coherence
+    return _Solution(motion, variance, fit.features, coherence, fit.difference, rest, batch)
 
 
 @kernel
@@ -358,20 +412,24 @@ def _maximize(
 
 
 @kernel
-def _flaw(best: Fit, variance: float, moves: bool, shift: float) -> str:
-    """Return the reason why a maximum of the likelihood is invalid; empty if it is valid.
+def _flaw(best: _Solution, moves: bool, view: _View, camera: _Camera) -> str:
+    """Return the reason why a displacement is invalid; empty if it is valid.
 
     Args:
-        best: fit at the maximum.
-        variance: variance of its displacement [px^2].
-        moves: whether the displacement is a motion instead of rest.
-        shift: total displacement within the batch [px].
+        best: the displacement.
+        moves: whether it is a motion instead of rest.
+        view: the batch.
+        camera: constants of the camera.
     """
-    if not math.isfinite(variance):
-        return "dominated by few features"
-    if moves and best.difference > _TWO_MOTIONS:
-        return "two motions"
+    shift = abs(best.motion[0]) * (len(view.logs) - 1)
+    if not best.variance < camera.widest:
+        return "uncertain"
     if not moves:
         return "low texture" if shift > candidates.APART else ""
-    # After a smaller shift the estimated pattern still contains part of the ground texture.
-    return "low texture" if shift > _SHIFTED and best.contrast < _LEAST_CONTRAST else ""
+    if best.difference > _TWO_MOTIONS:
+        return "two motions"
+    if shift < candidates.APART:
+        return ""
+    several = len(view.logs) >= spectra.FEWEST_LINES
+    features = spread(view.details, best.motion) if several else best.features
+    return "dominated by few features" if features < _FEWEST else ""

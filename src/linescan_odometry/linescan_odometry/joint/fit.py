@@ -20,8 +20,8 @@ from typing import NamedTuple
 import numpy as np
 
 from linescan_odometry.joint import spectra
-from linescan_odometry.joint.candidates import APART, Correlation, Layout, coherent, farthest, phases
-from linescan_odometry.joint.likelihood import LEAST_NOISE, Expansion, turned, whiten, window
+from linescan_odometry.joint.candidates import APART, Correlation, Layout, coherent, farthest
+from linescan_odometry.joint.likelihood import LEAST_NOISE, Expansion, turned, whiten
 from linescan_odometry.joint.spectra import Doubles, Floats, Spectrum
 from linescan_odometry.matching.transforms import transform_size
 from omni_core.kernels import kernel, linked
@@ -40,8 +40,6 @@ class Fit(NamedTuple):
         white: variance of the displacement according to the model with white noise [px^2].
         features: effective number of independent features that move with the displacement.
         coherence: coherence between neighboring lines, weighted by power [1].
-        contrast: energy of the gradients that neighboring lines have in common, relative to the
-            energy of the gradients of the noise [1].
         difference: significant part of the difference between two displacements per line, one
             estimated from neighboring lines and one from all lines [px]; at least 0.
     """
@@ -50,7 +48,6 @@ class Fit(NamedTuple):
     white: float
     features: float
     coherence: float
-    contrast: float
     difference: float
 
 
@@ -91,94 +88,6 @@ def unequal_pixels(lines: Floats) -> float:
 
 @linked
 @kernel
-def explained(
-    lines: Spectrum, motion: Doubles, layout: Layout
-) -> float:
-    """Return the share of the slow changes of the lines that a displacement explains [1]."""
-    m, count = lines.shape
-    kappa = np.arange(m) - 0.5 * (m - 1)
-    turn = phases(motion[0] * kappa + 0.5 * motion[1] * kappa**2, layout.size, count)
-    use = int(0.5 * spectra.HIGHEST * layout.size)
-    before = after = total = faster = 0.0
-    modes, all_modes = min(3, m - 1), min(8, m // 2)
-    mean = lines[:, :use].sum(axis=0) / np.float32(m)
-    for k in range(m):
-        total += (np.abs(lines[k, 1:use] - mean[1:]) ** 2).sum()
-    for j in range(max(modes, all_modes)):
-        one, two = np.zeros(use, np.complex64), np.zeros(use, np.complex64)
-        for k in range(m):
-            w = np.float32(math.cos(math.pi * (j + 1) * (k + 0.5) / m) * math.sqrt(2.0 / m))
-            for f in range(1, use):
-                one[f] += w * lines[k, f]
-                two[f] += w * lines[k, f] * turn[k, f]
-        if j < modes:
-            before += (one.real**2 + one.imag**2).sum()
-            after += (two.real**2 + two.imag**2).sum()
-        else:
-            faster += (one.real**2 + one.imag**2).sum()
-    noise = (total - before - faster) / max(m - 1 - max(modes, all_modes), 1)
-    whole = before - modes * noise
-    chance = spectra.SIGNIFICANT * noise * math.sqrt(2.0 * modes / use)
-    if whole <= chance:
-        return 1.0
-    if faster - (all_modes - modes) * noise > 0.5 * whole + chance:
-        return 0.0
-    return min(max((before - after + chance) / whole, 0.0), 1.0)
-
-
-@linked
-@kernel
-def spread(details: Floats, motion: Doubles) -> tuple[float, float]:
-    """Return the effective number of ground segments with coherent details, and their coherence."""
-    m, n = details.shape
-    kappa = np.arange(m) - 0.5 * (m - 1)
-    paths = motion[0] * kappa + 0.5 * motion[1] * kappa**2
-    length = n / PLACES
-    lowest = paths.min()
-    places = int((n + paths.max() - lowest) / length) + 1
-    shared, whole, number = np.zeros(places), np.zeros(places), np.zeros(places)
-    for k in range(m - 1):
-        step = paths[k] - paths[k + 1]
-        below = math.floor(step)
-        share = np.float32(step - below)
-        for i in range(max(0, -below), min(n, n - 1 - below)):
-            j = i + below
-            other = (np.float32(1.0) - share) * details[k + 1, j] + share * details[k + 1, j + 1]
-            p = int((i + paths[k] - lowest) / length)
-            shared[p] += details[k, i] * other
-            whole[p] += details[k, i] * details[k, i]
-            number[p] += 1.0
-    energy = np.maximum(shared, 0.0)
-    total = energy.sum()
-    return total**2 / max((energy * energy).sum(), 1e-12), shared.sum() / max(whole.sum(), 1e-12)
-
-
-@linked
-@kernel
-def absorbed(lines: Floats, precision: Doubles, taper: Floats, size: int) -> float:
-    """Return the share of the mean line's power that darkens more than it brightens [1]."""
-    mean = lines.sum(axis=0) / np.float32(len(lines))
-    ordered, half = np.sort(mean), len(mean) // 2
-    shortest = int(np.argmin(ordered[half:] - ordered[: len(mean) - half]))
-    middle = ordered[shortest + half // 2]
-    parts = np.empty((3, len(mean)), np.float32)
-    parts[0] = np.minimum(mean - middle, 0.0)
-    parts[1] = np.maximum(mean - middle, 0.0)
-    parts[2] = mean
-    power = np.abs(spectra.spectra_of(parts, taper, size)) ** 2
-    dark = bright = whole = unknown = 0.0
-    use = int(0.5 * spectra.HIGHEST * size)
-    for f in range(use):
-        dark += f * f * power[0, f]
-        bright += f * f * power[1, f]
-        whole += f * f * power[2, f]
-        unknown += f * f * min(power[2, f], 1.0 / max(precision[f], 1e-12))
-    share = max(dark - bright, 0.0) / max(dark + bright, 1e-12)
-    return min(share, unknown / max(whole, 1e-12))
-
-
-@linked
-@kernel
 def assess(lines: Floats, here: Expansion) -> Fit:
     """Return the properties listed in `Fit` for a displacement at a maximum of the likelihood.
 
@@ -188,14 +97,11 @@ def assess(lines: Floats, here: Expansion) -> Fit:
     """
     cut, edges, moments = here.cut, here.model.edges, here.moments
     weight, information = np.zeros(cut.spectra.shape[1]), np.zeros(len(edges) - 1)
-    gradient = np.zeros(len(edges) - 1)  # sum of the squared frequencies of each band
     for b in range(len(edges) - 1):
         gamma = min(max(moments[1, b] / moments[0, b], 1e-6), 1.0 - LEAST_NOISE)
         weight[edges[b] : edges[b + 1]] = math.sqrt(gamma / ((1.0 - gamma * gamma) * moments[0, b]))
-        gradient[b] = (here.model.rate[edges[b] : edges[b + 1]] ** 2).sum()
-        information[b] = gamma * gamma / (1.0 - gamma * gamma) * gradient[b]
-    noise = _noise(lines) * (window(cut.length) ** 2).sum()
-    contrast = (moments[1] * gradient).sum() / max(noise * gradient.sum(), 1e-12)
+        gradient = (here.model.rate[edges[b] : edges[b + 1]] ** 2).sum()
+        information[b] = gamma * gamma / (1.0 - gamma * gamma) * gradient
     moved, curvature = _moved(here)
     parts = _places(here, moved, weight, lines.shape[1])
     energy = np.maximum(parts[:, 1], 0.0)
@@ -216,7 +122,7 @@ def assess(lines: Floats, here: Expansion) -> Fit:
     excess = max(offset**2 - spectra.SIGNIFICANT**2 * (scatter * scatter).sum(), 0.0)
     variance += excess
     coherence = moments[1].sum() / max(moments[0].sum(), 1e-9)
-    return Fit(variance, white, features, coherence, contrast, math.sqrt(excess))
+    return Fit(variance, white, features, coherence, math.sqrt(excess))
 
 
 @kernel

@@ -30,7 +30,6 @@ Doubles = NDArray[np.float64]
 Spectrum = NDArray[np.complex64]
 
 HIGHEST = 0.3  # cycles per pixel; the optics attenuate higher frequencies, which are also aliased
-_LIMIT = 1.0
 _SMOOTHED = 4  # bins on each side over which a power spectrum is averaged
 SIGNIFICANT = 3.0  # standard deviations; larger deviations are not attributed to chance
 
@@ -142,27 +141,6 @@ def spectra_of(logs: Floats, taper: Floats, size: int) -> Spectrum:
     spectra: Any = np.fft.rfft(padded, size, 1)
     result: Spectrum = spectra[:, : int(HIGHEST * size)].copy()
     return result
-
-
-@linked
-@kernel
-def limited(logs: Floats, reach: int) -> Floats:
-    """Return the changing details of lines, limited to their median size, shape (m, n)."""
-    m, n = logs.shape
-    mean = logs.sum(axis=0) / np.float32(m)
-    rest = np.empty((m, n), np.float32)
-    total = np.zeros(n + 1)
-    for k in range(m):
-        for i in range(n):
-            total[i + 1] = total[i] + logs[k, i] - mean[i]
-        for i in range(n):
-            first, last = max(0, i - reach), min(n, i + reach + 1)
-            rest[k, i] = logs[k, i] - mean[i] - (total[last] - total[first]) / (last - first)
-    limit = np.float32(_LIMIT * np.median(np.abs(rest.ravel()[::7])))
-    for k in range(m):
-        for i in range(n):
-            rest[k, i] = min(max(rest[k, i], -limit), limit)
-    return rest
 
 
 @summing

@@ -1,0 +1,75 @@
+"""Details of the lines that change within a batch, limited in size, and where they are coherent.
+
+The edge of a shadow moves with its own velocity, and may be many times stronger than the texture of
+the ground. In the limited details, it counts no more than any other detail of its length.
+
+In shapes, m is the number of lines and n the number of pixels per line.
+"""
+
+import math
+
+import numpy as np
+
+from linescan_odometry.joint.fit import PLACES
+from linescan_odometry.joint.spectra import Doubles, Floats
+from omni_core.kernels import kernel, linked
+
+_LONGEST = 16  # details are shorter than this fraction of a line
+_SAMPLED = 7  # every seventh detail counts for their median size
+
+
+@linked
+@kernel
+def limited(logs: Floats) -> Floats:
+    """Return the details that change within a batch, limited to their median size, shape (m, n).
+
+    The mean of all lines, which contains the fixed pattern, and the moving average of each line are
+    subtracted.
+
+    Args:
+        logs: logarithm of the gray levels, shape (m, n).
+    """
+    m, n = logs.shape
+    reach, mean = max(1, n // (2 * _LONGEST)), logs.sum(axis=0) / np.float32(m)
+    details, total = np.empty((m, n), np.float32), np.zeros(n + 1)
+    for k in range(m):
+        row, own = details[k], logs[k]
+        for i in range(n):
+            row[i] = own[i] - mean[i]
+            total[i + 1] = total[i] + row[i]
+        for i in range(n):
+            first, last = max(0, i - reach), min(n, i + reach + 1)
+            row[i] -= (total[last] - total[first]) / (last - first)
+    limit = np.median(np.abs(details.ravel()[::_SAMPLED]))
+    for k in range(m):
+        row = details[k]
+        for i in range(n):
+            row[i] = min(max(row[i], -limit), limit)
+    return details
+
+
+@linked
+@kernel
+def spread(details: Floats, motion: Doubles) -> float:
+    """Return the effective number of ground segments whose details neighboring lines share.
+
+    Args:
+        details: limited details of the lines, shape (m, n).
+        motion: displacement per line in the middle of the batch [px] and its change from line to
+            line [px], shape (2,).
+    """
+    m, n = details.shape
+    kappa = np.arange(m) - 0.5 * (m - 1)
+    paths = motion[0] * kappa + 0.5 * motion[1] * kappa**2
+    lowest, length = paths.min(), n / PLACES
+    shared = np.zeros(int((n + paths.max() - lowest) / length) + 1)
+    for k in range(m - 1):
+        row, after = details[k], details[k + 1]
+        step = paths[k] - paths[k + 1]
+        whole = math.floor(step)
+        share = step - whole
+        for i in range(max(0, -whole), min(n, n - 1 - whole)):
+            there = (1.0 - share) * after[i + whole] + share * after[i + whole + 1]
+            shared[int((i + paths[k] - lowest) / length)] += row[i] * there
+    shared = np.maximum(shared, 0.0)
+    return float(shared.sum() ** 2 / max((shared * shared).sum(), 1e-12))

@@ -1,0 +1,191 @@
+"""Tests of a view that hardly changes: what changes in it, and which share of it is ground.
+
+A view is static if the vehicle is at rest, or if the camera sees only its own fixed pattern: dirt
+on the window over a ground without visible texture. Both give the same lines. They are told apart
+by what is known of dirt: it absorbs light, so it darkens pixels and brightens none. The texture of
+the ground does both. In slow motion, the share of the ground also follows from the changes of the
+lines, because the ground moves and the pattern does not.
+
+In shapes, m is the number of lines, n the number of pixels per line, and F the number of spatial
+frequencies.
+"""
+
+import math
+from typing import Any
+
+import numpy as np
+
+from linescan_odometry.joint import spectra
+from linescan_odometry.joint.candidates import (
+    COMPARED,
+    SPACINGS,
+    Correlation,
+    Layout,
+    bands,
+    coherent,
+    phases,
+    ratio,
+    spacings,
+)
+from linescan_odometry.joint.spectra import Doubles, Floats, Spectrum
+from omni_core.kernels import kernel, linked
+from omni_core.signals import Lines
+
+_SLOW = 3  # half periods per batch of the slow changes of a pixel
+# Half periods per batch of the fast changes. If the change of a pixel is a random walk, fast changes
+# have an eighth of the power of slow ones; if the ground shifts by several details, they have more.
+_FAST = 8
+_TOO_FAST = 0.5  # power of fast changes over that of slow changes, between these two cases
+
+
+@kernel
+def turning(rest: Correlation, layout: Layout) -> float:
+    """Return the log-likelihood ratio of any motion along the axis versus none [nats].
+
+    Motion along the axis turns the phases of the correlations between lines; motion across the axis
+    only reduces the correlations. In the first hypothesis, the phase at each frequency is free. The
+    result is the largest ratio at any line spacing.
+
+    Args:
+        rest: correlations between the lines.
+        layout: sizes of the batch.
+    """
+    largest, count = 0.0, int(COMPARED * layout.size)
+    power = rest.power[:count] ** 2
+    for which in range(SPACINGS):
+        # For noise alone, the squared coherence of N pairs is 1 / N on average.
+        noise = np.float32(1.0 / max(layout.lines - spacings(layout.lines)[which], 2))
+        square = np.abs(rest.lagged[which, :count]) ** 2 - noise * power
+        gain = np.sqrt(np.maximum(square / (1.0 - noise), 0.0)).astype(np.float32)
+        free = ratio(rest, layout, gain, 1.0, which)
+        largest = max(largest, free - coherent(rest, layout, 0.0, which))
+    return largest
+
+
+@kernel
+def colored(lines: Lines, taper: Floats, layout: Layout, slowly: bool) -> float:
+    """Return the log-likelihood ratio of colored versus white changes of the lines [nats].
+
+    The changes contain no fixed pattern. At rest, they contain only noise, which is white. If the
+    ground moves, they also contain its texture, which is colored because the optics attenuate high
+    frequencies. The log-likelihood ratio follows from the spectral flatness: the geometric mean of
+    a spectrum divided by its arithmetic mean.
+
+    Args:
+        lines: gray levels, shape (m, n), without interpolated pixels, because interpolation colors
+            the noise. Their logarithm would amplify the noise of dark pixels.
+        taper: factor of each pixel before the transform, shape (n,).
+        layout: sizes of the batch.
+        slowly: whether the slow changes within the batch are tested, or the differences of
+            neighboring lines.
+    """
+    levels = lines.astype(np.float32)
+    mean = np.float32(max(levels.mean(), 1.0))
+    for k in range(len(levels)):
+        # The gain of a line, for example under mains light, would color its differences.
+        levels[k] *= mean / np.float32(max(levels[k].mean(), 1.0))
+    if slowly:
+        modes = min(_SLOW, layout.lines - 1)
+        changes, number = _projected(levels, modes), float(modes)
+    else:
+        # The differences are a moving average of order 1: N of them count as 2 N / 3 independent
+        # ones.
+        changes, number = levels[1:] - levels[:-1], (layout.lines - 1) / 1.5
+    transformed = np.abs(spectra.spectra_of(changes, taper, layout.size)) ** 2
+    number *= (taper**2).sum() / layout.size
+    edges, total, logarithm = bands(layout.size), 0.0, 0.0
+    for b in range(len(edges) - 1):
+        i, j = edges[b], edges[b + 1]
+        power = max(transformed[:, i:j].sum(), 1e-9)
+        total += power
+        logarithm += (j - i) * math.log(power / (j - i))
+    count = edges[-1] - edges[0]
+    # For white noise, the estimated power of each band except one adds half a nat on average.
+    return float(number * (count * math.log(total / count) - logarithm) - 0.5 * (len(edges) - 2))
+
+
+@kernel
+def _projected(lines: Any, count: int) -> Any:
+    """Return the lines, weighted with cosines of 1 to `count` half periods per batch and summed.
+
+    The weights are orthonormal. The argument `lines` has the shape (m, ...); the result has the
+    shape (count, ...) and the same type.
+    """
+    m = len(lines)
+    sums = np.zeros((count, lines.shape[1]), lines.dtype)
+    for j in range(count):
+        for k in range(m):
+            angle = math.pi * (j + 1) * (k + 0.5) / m
+            sums[j] += np.float32(math.sqrt(2.0 / m) * math.cos(angle)) * lines[k]
+    return sums
+
+
+@linked
+@kernel
+def explained(lines: Spectrum, motion: Doubles, layout: Layout) -> float:
+    """Return the share of the slow changes of the lines that a displacement explains [1].
+
+    Let the mean line be the sum of a ground of power G and a fixed pattern of power B. The pattern
+    reduces a slow displacement that is estimated from the whole lines by the factor G / (G + B),
+    and the estimate explains the same share of the changes. A share of 1 is returned if nothing
+    changes significantly, and 0 if the lines change too fast for a slow displacement.
+
+    Args:
+        lines: spectra of the lines without the known pattern, shape (m, F).
+        motion: displacement per line in the middle of the batch [px] and its change from line to
+            line [px], shape (2,).
+        layout: sizes of the batch.
+    """
+    m, use = layout.lines, int(COMPARED * layout.size)
+    kappa = np.arange(m) - 0.5 * (m - 1)
+    turn = phases(motion[0] * kappa + 0.5 * motion[1] * kappa**2, layout.size, use)
+    seen = np.ascontiguousarray(lines[:, :use])
+    seen[:, 0] = 0.0
+    slow = min(_SLOW, m - 1)
+    number = max(slow, min(_FAST, m // 2))
+    changes = np.abs(_projected(seen, number)) ** 2
+    after = (np.abs(_projected(seen * turn, slow)) ** 2).sum()
+    before, fast = changes[:slow].sum(), changes[slow:].sum()
+    total = (np.abs(seen - seen.sum(axis=0) / np.float32(m)) ** 2).sum()
+    noise = (total - before - fast) / max(m - 1 - number, 1)  # of each mode
+    chance = spectra.SIGNIFICANT * noise * math.sqrt(2.0 * slow / use)
+    whole = before - slow * noise
+    if whole <= chance:
+        return 1.0
+    if fast - (number - slow) * noise > _TOO_FAST * whole + chance:
+        return 0.0
+    return min(max((before - after + chance) / whole, 0.0), 1.0)
+
+
+@linked
+@kernel
+def ground_share(
+    lines: Floats, pattern: spectra.FixedPattern, taper: Floats, layout: Layout
+) -> float:
+    """Return the share of the mean line's power that is ground and not dirt [1].
+
+    Dirt darkens pixels, and the texture of the ground darkens and brightens them equally. Both are
+    relative to the middle of the shortest interval that contains half of the pixels (the shorth),
+    because even a window of which half is dirty hardly changes this interval.
+
+    Args:
+        lines: logarithm of the gray levels, minus the fixed pattern, shape (m, n).
+        pattern: fixed pattern that was subtracted; where it is known, dirt is known too.
+        taper: factor of each pixel before the transform, shape (n,).
+        layout: sizes of the batch.
+    """
+    mean = lines.sum(axis=0) / np.float32(layout.lines)
+    ordered, half = np.sort(mean), layout.pixels // 2
+    shortest = int(np.argmin(ordered[half:] - ordered[: layout.pixels - half]))
+    middle = ordered[shortest + half // 2]
+    parts = np.empty((3, layout.pixels), np.float32)
+    parts[0], parts[1], parts[2] = np.minimum(mean, middle), np.maximum(mean, middle), mean
+    use = int(COMPARED * layout.size)
+    power = np.abs(spectra.spectra_of(parts, taper, layout.size)[:, 1:use]) ** 2
+    steep = np.arange(1, use) ** 2.0
+    dark, bright, whole = (power * steep).sum(axis=1)
+    unknown = (
+        np.minimum(power[2], 1.0 / np.maximum(pattern.precision[1:use], 1e-12)) * steep
+    ).sum()
+    dirt = max(dark - bright, 0.0) / max(dark + bright, 1e-12)
+    return 1.0 - min(dirt, unknown / max(whole, 1e-12))
