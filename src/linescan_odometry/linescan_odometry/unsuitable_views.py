@@ -230,7 +230,7 @@ class UnsuitableViews:
         """Return the readings of occluded cameras, marked as unmeasured.
 
         A camera counts as occluded if its view became constant sooner than a vehicle can stop. The
-        camera remains occluded until its view changes.
+        camera remains occluded until it measures a view that changes.
 
         Args:
             stamp_ns: stamp of the readings [ns].
@@ -242,7 +242,9 @@ class UnsuitableViews:
         dismissed = {}
         for name, reading in readings.items():
             if name not in self._sensors or reading.static_time == 0.0:
-                self._covered.pop(name, None)
+                # The view may also be unmeasured for another reason while it is occluded.
+                if reading.measured:
+                    self._covered.pop(name, None)
                 continue
             along, across = (float(v) for v in self._rows[name] @ self._twist)
             speed = math.hypot(along, across)

@@ -39,7 +39,8 @@ class Estimate(NamedTuple):
             displacement was rejected before the fit, the pattern is not subtracted.
         coherence: coherence between neighboring lines [1]; 0 if the displacement was rejected
             before the fit.
-        few: whether the displacement is based on so few features that the next batch must confirm
+        moves: whether the displacement is a motion and not rest.
+        few: whether the displacement is based on so few features that another batch must confirm
             it.
         pattern: fixed pattern after this batch.
     """
@@ -49,6 +50,7 @@ class Estimate(NamedTuple):
     reason: str
     rest: spectra.Floats
     coherence: float
+    moves: bool
     few: bool
     pattern: spectra.FixedPattern
 
@@ -60,7 +62,7 @@ class _Camera(NamedTuple):
         taper: factor by which each pixel is multiplied before the transform, shape (n,).
         weight: weight of each frequency in the search for candidates, shape (F,).
         stated: precision of the prior of the fixed pattern, from the configured `non_uniformity`.
-        spread: prior standard deviation of the change of the displacement from line to line [px].
+        change: prior standard deviation of the change of the displacement from line to line [px].
         fading: share of their weight that older batches lose in the pattern, per line [1].
         widest: largest variance of a valid displacement per line [px^2].
     """
@@ -68,7 +70,7 @@ class _Camera(NamedTuple):
     taper: spectra.Floats
     weight: spectra.Floats
     stated: float
-    spread: float
+    change: float
     fading: float
     widest: float
 
@@ -177,10 +179,12 @@ class JointEstimator:
         (last, uncertain), self._before = self._before, (math.nan, math.inf)
         if estimate.reason:
             raise Unmeasured(estimate.reason, unmatched=True)
-        self._before = estimate.value, estimate.variance
-        change = self._camera.spread * (len(lines) - 1)
-        reach = _AGREE * math.sqrt(estimate.variance + uncertain + change**2)
-        if estimate.few and not abs(estimate.value - last) < reach < math.inf:
+        change = self._camera.change * (len(lines) - 1)
+        reach = change + _AGREE * math.sqrt(estimate.variance + uncertain)
+        confirmed = not estimate.few or abs(estimate.value - last) < reach < math.inf
+        if confirmed or estimate.moves:
+            self._before = estimate.value, estimate.variance
+        if not confirmed:
             raise Unmeasured("few features, which the last batch does not confirm", unmatched=True)
         if not plausibility.check(stamp_ns, np.array([estimate.value]))[0]:
             raise Unmeasured(
@@ -254,8 +258,8 @@ def _estimate(
             pattern.information * kept + best.pattern.information,
             pattern.precision * kept + best.pattern.precision,
         )
-    few = moves and best.features < _FEWEST
-    return Estimate(value, best.variance, flaw, best.rest, best.coherence, few, pattern)
+    few = best.features < _FEWEST
+    return Estimate(value, best.variance, flaw, best.rest, best.coherence, moves, few, pattern)
 
 
 @kernel
@@ -401,7 +405,7 @@ def _maximize(
             together = learned.information + batch.information
             pattern = spectra.shrink(together, learned.precision + batch.precision)
         rest = without(view.logs, pattern, camera.taper, layout.size)
-        here = expand(rest, fixed, motion, layout.limit, camera.spread)
+        here = expand(rest, fixed, motion, layout.limit, camera.change)
         motion = motion + here.step
         # The first pattern is estimated at the candidate, so at least two steps are needed. After a
         # step of less than one standard deviation, a further step would change little.
