@@ -32,7 +32,9 @@ _STILL_PIXELS = 2.0  # px; after this motion along the axis a view must change
 _HARDEST_STOP = 15.0  # m/s^2; a hard stop on a dry road reaches 10
 _CERTAIN = 4.0  # standard deviations by which a stop must be too hard
 _REMEMBERED_NS = 1_280_000_000  # ns; twists are stored for this time, longer than lines (_LONGEST)
-_GAP_NS = 50_000_000  # limit on the time without a twist over which the motion is extrapolated [ns]
+# ns; limit on the time without a twist over which the motion is extrapolated, and time for which the
+# view of an occluded camera must change before the camera is used again
+_GAP_NS = 50_000_000
 _PIECE = 0.008  # m; ordinary ground leaves a view after the view's width plus this length
 _FAR_ENOUGH = 0.5  # motion across the axis before a test, as a share of (view width + _PIECE)
 _CLEAR_EXCESS = 0.65  # excess correlation that a single comparison does not reach by chance
@@ -220,6 +222,7 @@ class UnsuitableViews:
 
     def _start_anew(self) -> None:
         self._covered: dict[str, str] = {}
+        self._static_ns: dict[str, int] = {}  # stamps at which views last were constant [ns]
         self._twist: FloatArray = np.zeros(3)
         self._deviations: dict[str, float] = {}  # of the velocities of that twist [m/s]
         self._stamp_ns = 0
@@ -230,7 +233,7 @@ class UnsuitableViews:
         """Return the readings of occluded cameras, marked as unmeasured.
 
         A camera counts as occluded if its view became constant sooner than a vehicle can stop. The
-        camera remains occluded until it measures a view that changes.
+        camera remains occluded until its view has changed for `_GAP_NS`.
 
         Args:
             stamp_ns: stamp of the readings [ns].
@@ -241,11 +244,16 @@ class UnsuitableViews:
         elapsed = 1e-9 * (stamp_ns - self._stamp_ns)
         dismissed = {}
         for name, reading in readings.items():
-            if name not in self._sensors or reading.static_time == 0.0:
-                # The view may also be unmeasured for another reason while it is occluded.
-                if reading.measured:
-                    self._covered.pop(name, None)
+            if name not in self._sensors:
                 continue
+            if reading.static_time == 0.0:
+                # Because of noise, a constant view is not recognized in every batch.
+                if stamp_ns - self._static_ns.get(name, stamp_ns) > _GAP_NS:
+                    self._covered.pop(name, None)
+                elif name in self._covered and reading.measured:
+                    dismissed[name] = reading.rejected(self._covered[name])
+                continue
+            self._static_ns[name] = stamp_ns
             along, across = (float(v) for v in self._rows[name] @ self._twist)
             speed = math.hypot(along, across)
             possible = _HARDEST_STOP * elapsed + _CERTAIN * self._deviations.get(name, 0.0)

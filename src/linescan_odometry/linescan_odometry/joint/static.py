@@ -32,8 +32,8 @@ from omni_core.kernels import kernel, linked
 from omni_core.signals import Lines
 
 _SLOW = 3  # half periods per batch of the slow changes of a pixel
-# Half periods per batch of the fast changes. If the change of a pixel is a random walk, they have an
-# eighth of the power of the slow ones; if the ground shifts by several details, they have more.
+# Half periods per batch of the fast changes. They have an eighth of the power of the slow ones if
+# the change of a pixel is a random walk, and more if the ground shifts by several details.
 _FAST = 8
 _TOO_FAST = 0.5  # power of fast changes over that of slow changes, between these two cases
 
