@@ -32,8 +32,8 @@ _STILL_PIXELS = 2.0  # px; after this motion along the axis a view must change
 _HARDEST_STOP = 15.0  # m/s^2; a hard stop on a dry road reaches 10
 _CERTAIN = 4.0  # standard deviations by which a stop must be too hard
 _REMEMBERED_NS = 1_280_000_000  # ns; twists are stored for this time, longer than lines (_LONGEST)
-# ns; limit on the time without a twist over which the motion is extrapolated, and time for which the
-# view of an occluded camera must change before the camera is used again
+# Limit on the time without a twist over which the motion is extrapolated, and time for which the
+# view of an occluded camera must change before the camera is used again [ns].
 _GAP_NS = 50_000_000
 _PIECE = 0.008  # m; ordinary ground leaves a view after the view's width plus this length
 _FAR_ENOUGH = 0.5  # motion across the axis before a test, as a share of (view width + _PIECE)

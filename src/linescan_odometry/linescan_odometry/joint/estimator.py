@@ -333,8 +333,10 @@ def _slow(
     fit = assess(rest, here)
     # At rest all lines are equal, so few features suffice.
     variance = fit.variance if math.isfinite(fit.variance) else fit.white
-    share = static.explained(view.spectra - start[1], motion, layout)
-    share *= static.ground_share(rest, pattern, camera.taper, layout)
+    share = 1.0
+    if layout.lines >= spectra.FEWEST_LINES:
+        share = static.explained(view.spectra - start[1], motion, layout)
+        share *= static.ground_share(rest, pattern, camera.taper, layout)
     if share <= 0.0:
         return _Solution(motion, math.inf, 0.0, 0.0, 0.0, rest, batch)
     variance += ((abs(motion[0]) + math.sqrt(variance)) * (1.0 / share - 1.0)) ** 2
