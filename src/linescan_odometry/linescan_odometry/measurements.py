@@ -26,6 +26,8 @@ class Displacement(NamedTuple):
         rest: logarithm of the gray levels, minus the camera's fixed pattern (method `joint`), or
             the gray levels (method `pairs`), shape (m + 1, n).
         share: share of the line pairs that were used, 0 to 1.
+        slope: standard deviation of the unknown slope of the texture against the direction across
+            the axis [1]; motion across the axis falsifies the displacement by it.
     """
 
     value: float
@@ -33,6 +35,7 @@ class Displacement(NamedTuple):
     correlation: float
     rest: Lines | Float32Array
     share: float = 1.0
+    slope: float = 0.0
 
 
 @dataclasses.dataclass(frozen=True)
@@ -56,6 +59,8 @@ class SensorReading:
             divided by the correlation of neighboring lines [1].
         unmatched: whether the lines have contrast but do not match, or their displacement
             contradicts the motion.
+        slope: standard deviation of the unknown slope of the texture against the direction across
+            the axis [1]; the odometry adds its effect to the variance.
     """
 
     velocity: float
@@ -69,6 +74,7 @@ class SensorReading:
     reference_age: float = 0.0
     persistence: float = 0.0
     unmatched: bool = False
+    slope: float = 0.0
 
     @classmethod
     def unmeasured(

@@ -232,6 +232,10 @@ class LineScanOdometry:
                 return TwistEstimate(
                     self._stamp_ns, np.zeros(3), covariance, False, readings, flows=flows
                 )
+            sloping = self._views.sloping(readings, solution.twist)
+            if sloping:
+                readings = readings | sloping
+                continue
             suspect = self._contradicting(solution, [*readings, *flows])
             if suspect is not None:
                 name, reason = suspect

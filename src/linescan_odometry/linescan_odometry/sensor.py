@@ -263,6 +263,7 @@ class SensorOdometry:
             static_time=self._static_time(stamp_ns, lines, displacement),
             reference_age=age,
             persistence=persistence,
+            slope=displacement.slope,
         )
 
     def _static_time(self, stamp_ns: int, lines: Lines, displacement: Displacement) -> float:

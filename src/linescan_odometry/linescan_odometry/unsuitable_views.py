@@ -13,6 +13,7 @@ single camera cannot distinguish the two motions. The twist, however, gives the 
 axis: if a view stays correlated for longer than one width, the texture is oblique.
 """
 
+import dataclasses
 import math
 from collections import deque
 from collections.abc import Mapping
@@ -265,6 +266,24 @@ class UnsuitableViews:
             if name in self._covered:
                 dismissed[name] = reading.rejected(self._covered[name])
         return dismissed
+
+    def sloping(
+        self, readings: Mapping[str, SensorReading], twist: FloatArray
+    ) -> dict[str, SensorReading]:
+        """Return the readings of textures with an unknown slope, with increased variance.
+
+        Args:
+            readings: readings of all cameras, keyed by name.
+            twist: twist estimated from the readings, from which the velocity across each axis
+                follows.
+        """
+        sloping = {}
+        for name, reading in readings.items():
+            if name in self._sensors and reading.measured and reading.slope > 0.0:
+                across = float(self._rows[name][1] @ twist)
+                variance = reading.variance + (reading.slope * across) ** 2
+                sloping[name] = dataclasses.replace(reading, variance=variance, slope=0.0)
+        return sloping
 
     def unsuitable(
         self, stamp_ns: int, readings: Mapping[str, SensorReading], twist: FloatArray

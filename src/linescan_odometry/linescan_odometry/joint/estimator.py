@@ -22,6 +22,10 @@ _MEMORY = 0.5  # s; time constant with which older batches lose weight in the pa
 # up to three of the 24 segments of a line long.
 _FEWEST = 6.0
 _TWO_MOTIONS = 0.25  # px; limit on `Fit.difference`; a larger difference indicates two motions
+# Gradient energy over noise. Below it, an oblique texture such as wood is not noticed by its
+# persistence. The slope of joints and grain is then unknown.
+_LEAST_CONTRAST = 0.03
+_SLOPE = 0.3  # standard deviation of this slope [1], from floors of bricks, tiles and slabs
 _WIDEST = 1.0  # m/s; a velocity with a larger standard deviation is of no use to a vehicle
 _AGREE = 4.0  # standard deviations up to which two successive displacements agree
 _SHIFTED = 3 * candidates.APART  # px within a batch; beyond it, ground and pattern can be separated
@@ -40,6 +44,7 @@ class Estimate(NamedTuple):
         coherence: coherence between neighboring lines [1]; 0 if the displacement was rejected
             before the fit.
         moves: whether the displacement is a motion and not rest.
+        slope: the attribute `slope` of `_Solution` [1].
         few: whether the displacement is based on so few features that another batch must confirm
             it.
         pattern: fixed pattern after this batch.
@@ -51,6 +56,7 @@ class Estimate(NamedTuple):
     rest: spectra.Floats
     coherence: float
     moves: bool
+    slope: float
     few: bool
     pattern: spectra.FixedPattern
 
@@ -107,7 +113,9 @@ class _Solution(NamedTuple):
         variance: variance of the displacement [px^2]; infinite without a maximum.
         features: effective number of independent features that move with the displacement.
         coherence: coherence between neighboring lines, weighted by power [1].
-        difference: the attribute of the same name in `Fit` [px].
+        slope: standard deviation of the unknown slope of the texture against the direction across
+            the axis [1]; 0 if the texture is so clear that an oblique one would be noticed.
+        difference: the attribute `difference` of `Fit` [px].
         rest: logarithm of the gray levels, minus the fixed pattern, shape (m, n).
         pattern: pattern estimated from this batch alone, if it can be separated.
     """
@@ -116,6 +124,7 @@ class _Solution(NamedTuple):
     variance: float
     features: float
     coherence: float
+    slope: float
     difference: float
     rest: spectra.Floats
     pattern: spectra.FixedPattern
@@ -192,7 +201,13 @@ class JointEstimator:
                 f"{plausibility.limit:g} m/s^2 since the last measurement"
             )
         self._last = estimate.value
-        return Displacement(estimate.value, estimate.variance, estimate.coherence, estimate.rest)
+        return Displacement(
+            estimate.value,
+            estimate.variance,
+            estimate.coherence,
+            estimate.rest,
+            slope=estimate.slope,
+        )
 
     def estimate(self, lines: Lines) -> Estimate:
         """Return the displacement estimated from a batch of lines, oldest first, shape (m, n)."""
@@ -239,7 +254,7 @@ def _estimate(
     several = layout.lines >= spectra.FEWEST_LINES
     view = _View(lines, logs, transformed, found, usual, details, remainder if several else usual)
     d, moves, flaw = _choose(view, camera, layout)
-    best = _Solution(np.array([d, 0.0]), math.inf, 0.0, 0.0, 0.0, logs, pattern)
+    best = _Solution(np.array([d, 0.0]), math.inf, 0.0, 0.0, 0.0, 0.0, logs, pattern)
     if not flaw and (not (moves and several) or abs(d) * (layout.lines - 1) < _SHIFTED):
         best = _slow(view, camera, pattern, layout, (d, known))
     parted = False
@@ -259,7 +274,9 @@ def _estimate(
             pattern.precision * kept + best.pattern.precision,
         )
     few = best.features < _FEWEST
-    return Estimate(value, best.variance, flaw, best.rest, best.coherence, moves, few, pattern)
+    return Estimate(
+        value, best.variance, flaw, best.rest, best.coherence, moves, best.slope, few, pattern
+    )
 
 
 @kernel
@@ -329,7 +346,7 @@ def _slow(
     prior = 1.0 / (pattern.precision + 1.0 / max(gains, 1e-12))
     motion, rest, batch, here = _maximize(view, camera, pattern, layout, start, prior)
     if not np.isfinite(motion).all():
-        return _Solution(motion, math.inf, 0.0, 0.0, 0.0, rest, batch)
+        return _Solution(motion, math.inf, 0.0, 0.0, 0.0, 0.0, rest, batch)
     fit = assess(rest, here)
     # At rest all lines are equal, so few features suffice.
     variance = fit.variance if math.isfinite(fit.variance) else fit.white
@@ -338,9 +355,9 @@ def _slow(
         share = static.explained(view.spectra - start[1], motion, layout)
         share *= static.ground_share(rest, pattern, camera.taper, layout)
     if share <= 0.0:
-        return _Solution(motion, math.inf, 0.0, 0.0, 0.0, rest, batch)
+        return _Solution(motion, math.inf, 0.0, 0.0, 0.0, 0.0, rest, batch)
     variance += ((abs(motion[0]) + math.sqrt(variance)) * (1.0 / share - 1.0)) ** 2
-    return _Solution(motion, variance, fit.features, fit.coherence, 0.0, rest, batch)
+    return _Solution(motion, variance, fit.features, fit.coherence, 0.0, 0.0, rest, batch)
 
 
 @kernel
@@ -364,11 +381,20 @@ def _moving(
     none = np.zeros(len(pattern.precision))
     motion, rest, batch, here = _maximize(view, camera, pattern, layout, start, none)
     if not np.isfinite(motion).all():
-        return _Solution(motion, math.inf, 0.0, 0.0, 0.0, rest, batch)
+        return _Solution(motion, math.inf, 0.0, 0.0, 0.0, 0.0, rest, batch)
     fit = assess(rest, here)
     rivals = scatter(view.remainder, layout, motion[0], (candidates.LIKELY, candidates.RATIO))
-    variance, coherence = fit.variance + rivals, fit.coherence
-    return _Solution(motion, variance, fit.features, coherence, fit.difference, rest, batch)
+    slope = _SLOPE if fit.contrast < _LEAST_CONTRAST else 0.0
+    return _Solution(
+        motion,
+        fit.variance + rivals,
+        fit.features,
+        fit.coherence,
+        slope,
+        fit.difference,
+        rest,
+        batch,
+    )
 
 
 @kernel

@@ -21,7 +21,7 @@ import numpy as np
 
 from linescan_odometry.joint import spectra
 from linescan_odometry.joint.candidates import APART, Correlation, Layout, coherent, farthest
-from linescan_odometry.joint.likelihood import LEAST_NOISE, Expansion, turned, whiten
+from linescan_odometry.joint.likelihood import LEAST_NOISE, Expansion, turned, whiten, window
 from linescan_odometry.joint.spectra import Doubles, Floats, Spectrum
 from linescan_odometry.matching.transforms import transform_size
 from omni_core.kernels import kernel, linked
@@ -40,6 +40,8 @@ class Fit(NamedTuple):
         white: variance of the displacement according to the model with white noise [px^2].
         features: effective number of independent features that move with the displacement.
         coherence: coherence between neighboring lines, weighted by power [1].
+        contrast: energy of the gradients that neighboring lines have in common, relative to the
+            energy of the gradients of the noise [1].
         difference: significant part of the difference between two displacements per line, one
             estimated from neighboring lines and one from all lines [px]; at least 0.
     """
@@ -48,6 +50,7 @@ class Fit(NamedTuple):
     white: float
     features: float
     coherence: float
+    contrast: float
     difference: float
 
 
@@ -97,11 +100,14 @@ def assess(lines: Floats, here: Expansion) -> Fit:
     """
     cut, edges, moments = here.cut, here.model.edges, here.moments
     weight, information = np.zeros(cut.spectra.shape[1]), np.zeros(len(edges) - 1)
+    gradient = np.zeros(len(edges) - 1)  # sum of the squared frequencies of each band
     for b in range(len(edges) - 1):
         gamma = min(max(moments[1, b] / moments[0, b], 1e-6), 1.0 - LEAST_NOISE)
         weight[edges[b] : edges[b + 1]] = math.sqrt(gamma / ((1.0 - gamma * gamma) * moments[0, b]))
-        gradient = (here.model.rate[edges[b] : edges[b + 1]] ** 2).sum()
-        information[b] = gamma * gamma / (1.0 - gamma * gamma) * gradient
+        gradient[b] = (here.model.rate[edges[b] : edges[b + 1]] ** 2).sum()
+        information[b] = gamma * gamma / (1.0 - gamma * gamma) * gradient[b]
+    noise = _noise(lines) * (window(cut.length) ** 2).sum()
+    contrast = (moments[1] * gradient).sum() / max(noise * gradient.sum(), 1e-12)
     moved, curvature = _moved(here)
     parts = _places(here, moved, weight, lines.shape[1])
     energy = np.maximum(parts[:, 1], 0.0)
@@ -122,7 +128,7 @@ def assess(lines: Floats, here: Expansion) -> Fit:
     excess = max(offset**2 - spectra.SIGNIFICANT**2 * (scatter * scatter).sum(), 0.0)
     variance += excess
     coherence = moments[1].sum() / max(moments[0].sum(), 1e-9)
-    return Fit(variance, white, features, coherence, math.sqrt(excess))
+    return Fit(variance, white, features, coherence, contrast, math.sqrt(excess))
 
 
 @kernel
