@@ -20,7 +20,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from linescan_odometry.measurements import SensorReading
+from linescan_odometry.measurements import WIDEST, SensorReading
 from omni_core.kernels import declares, kernel
 from omni_core.quantities import Float32Array, FloatArray
 from omni_core.sensors import LineSensor, velocity_row
@@ -283,6 +283,8 @@ class UnsuitableViews:
                 across = float(self._rows[name][1] @ twist)
                 variance = reading.variance + (reading.slope * across) ** 2
                 sloping[name] = dataclasses.replace(reading, variance=variance, slope=0.0)
+                if variance > WIDEST**2:
+                    sloping[name] = reading.rejected("uncertain: the texture may be oblique")
         return sloping
 
     def unsuitable(

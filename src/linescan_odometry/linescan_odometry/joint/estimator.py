@@ -10,7 +10,7 @@ from linescan_odometry.joint.details import limited, spread
 from linescan_odometry.joint.fit import assess, scatter, unequal_pixels
 from linescan_odometry.joint.likelihood import Expansion, expand, observe, window, without
 from linescan_odometry.matching.transforms import transform_size
-from linescan_odometry.measurements import Displacement, Unmeasured
+from linescan_odometry.measurements import WIDEST, Displacement, Unmeasured
 from linescan_odometry.plausibility import Plausibility
 from omni_core.kernels import kernel
 from omni_core.sensors import LineSensor
@@ -24,9 +24,8 @@ _FEWEST = 6.0
 _TWO_MOTIONS = 0.25  # px; limit on `Fit.difference`; a larger difference indicates two motions
 # Gradient energy over noise. Below it, an oblique texture such as wood is not noticed by its
 # persistence. The slope of joints and grain is then unknown.
-_LEAST_CONTRAST = 0.03
+_LEAST_CONTRAST = 0.1
 _SLOPE = 0.3  # standard deviation of this slope [1], from floors of bricks, tiles and slabs
-_WIDEST = 1.0  # m/s; a velocity with a larger standard deviation is of no use to a vehicle
 _AGREE = 4.0  # standard deviations up to which two successive displacements agree
 _SHIFTED = 3 * candidates.APART  # px within a batch; beyond it, ground and pattern can be separated
 _DARKEST = 0.1  # gray level that is added before the logarithm, relative to the mean gray level
@@ -162,7 +161,7 @@ class JointEstimator:
         weight = candidates.band_pass(self._size, bins)
         change = _ACCELERATION / (sensor.line_rate**2 * sensor.pixel_pitch)
         fading = 1.0 / (sensor.line_rate * _MEMORY)
-        widest = (_WIDEST / (sensor.line_rate * sensor.pixel_pitch)) ** 2
+        widest = (WIDEST / (sensor.line_rate * sensor.pixel_pitch)) ** 2
         self._camera = _Camera(taper, weight, stated, change, fading, widest)
         unknown = spectra.FixedPattern(np.zeros(bins, np.complex64), np.zeros(bins))
         self.pattern = unknown if pattern is None else pattern
@@ -384,7 +383,8 @@ def _moving(
         return _Solution(motion, math.inf, 0.0, 0.0, 0.0, 0.0, rest, batch)
     fit = assess(rest, here)
     rivals = scatter(view.remainder, layout, motion[0], (candidates.LIKELY, candidates.RATIO))
-    slope = _SLOPE if fit.contrast < _LEAST_CONTRAST else 0.0
+    clear = fit.contrast >= _LEAST_CONTRAST and fit.features >= _FEWEST
+    slope = 0.0 if clear else _SLOPE
     return _Solution(
         motion,
         fit.variance + rivals,
