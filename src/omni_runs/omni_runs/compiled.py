@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 from omni_brake_assist import assist_state, assist_step
 from omni_brake_assist.conditions import GOOD
 from omni_brake_assist.imu_integration import add_reading, end_step, new_integral
-from omni_brake_assist.laws.law import NO_HELP, Law, call_law, own_law
+from omni_brake_assist.laws.law import NO_HELP, Law, call_law
+from omni_brake_assist.laws.own_law import own_law
 from omni_core.kernels import inlined, lean
 from omni_core.quantities import BoolArray, FloatArray, IntArray
 from omni_core.signals import MISSING, VALID, ImuSample, TwistSample, WheelSample

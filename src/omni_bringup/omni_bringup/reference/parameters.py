@@ -27,7 +27,7 @@ Section, equation and table numbers refer to the dissertation.
 
 def reference() -> str:
     """Return the reference of all parameters as Markdown text."""
-    from linescan_odometry.odometry import OdometryConfiguration
+    from linescan_odometry.configuration import OdometryConfiguration
     from omni_brake_assist.configuration import BrakeAssistConfiguration
     from omni_runs.experiment import ExperimentConfiguration
     from omni_sim.configuration import SimulatorConfiguration

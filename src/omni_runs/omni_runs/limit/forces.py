@@ -26,7 +26,9 @@ from omni_core.geometry import cross
 from omni_core.kinematics import PlatformKinematics, require_omni_wheels
 from omni_core.quantities import GRAVITY, BoolArray, FloatArray
 from omni_sim.tire.interface.model import curve_at
+from omni_sim.tire.models import kernel_parameters
 from omni_sim.vehicle import configuration, loads
+from omni_sim.vehicle.masses import support_polygon
 
 _TANGENTS = 97
 _FIRST = 16  # the first program has every 16th tangent; further tangents are added as needed
@@ -117,7 +119,7 @@ class LimitVehicle:
         self._weight = self.masses.mass * GRAVITY
         self._tire = tire
         self._plane = loads.load_plane(self._arm)
-        self._hull = self._arm[loads.support_polygon(self._arm)]
+        self._hull = self._arm[support_polygon(self._arm)]
         self._edge = np.roll(self._hull, -1, axis=0) - self._hull
         self._slope, self._offset = self._tangents()
         self.strongest_peak = float(self._offset[-1])
@@ -125,7 +127,7 @@ class LimitVehicle:
     def peak(self, load: FloatArray) -> FloatArray:
         """Return the peak force ``P`` [N] at M loads [N] for the friction factor 1, shape (M,)."""
         clamped = np.clip(load, 0.0, self._tire.largest_load)
-        constants = self._tire.kernel_parameters
+        constants = kernel_parameters(self._tire)
         return np.array([curve_at(constants, float(one), 1.0).peak_force for one in clamped])
 
     def _tangents(self) -> tuple[FloatArray, FloatArray]:

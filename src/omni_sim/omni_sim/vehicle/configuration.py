@@ -1,6 +1,7 @@
 """Configuration of the simulated vehicle: wheels, masses, tires, brakes, drive and suspension."""
 
 import functools
+import math
 from collections.abc import Mapping
 
 import numpy as np
@@ -17,10 +18,14 @@ from omni_core.configuration import (
 )
 from omni_core.kinematics import PlatformKinematics
 from omni_core.quantities import GRAVITY, LARGEST_OFFSET
-from omni_sim.tire.tire import TireConfiguration
-from omni_sim.vehicle import loads
-from omni_sim.vehicle.suspension import SuspensionConfiguration
-from omni_sim.wheel.passive_losses import PassiveLossConfiguration
+from omni_sim.tire.configuration import TireConfiguration
+from omni_sim.vehicle.masses import (
+    MAXIMUM_WHEELS,
+    ForkConfiguration,
+    MassConfiguration,
+    MassProperties,
+    support_polygon,
+)
 from omni_sim.wheel.roller_geometry import RollerConfiguration, RollerGeometry, roller_geometries
 
 
@@ -53,6 +58,66 @@ class WheelCondition(Configuration):
     """Time from which `brake`, `open_valve` and `stuck_brake` have an effect"""
 
 
+class SuspensionConfiguration(Configuration):
+    """Springs between ground and chassis, one for each wheel; none by default."""
+
+    stiffness: float = parameter(0.0, unit="N/m", minimum=0.0, maximum=1.0e8)
+    """Vertical stiffness of each wheel with its suspension; 0 for no suspension: the wheel
+    loads are those of a rigid chassis on equal springs, and follow the acceleration with the time
+    constant `load_transfer_time`"""
+    damping_ratio: float = parameter(0.3, minimum=0.0, maximum=2.0)
+    """Damping ratio of the chassis in heave"""
+    pitch_inertia: float = parameter(0.0, unit="kg m^2", minimum=0.0, maximum=1.0e9)
+    """Moment of inertia of body and load about the lateral axis through their center of gravity;
+    0 to use that of a homogeneous box as long as the chassis"""
+    roll_inertia: float = parameter(0.0, unit="kg m^2", minimum=0.0, maximum=1.0e9)
+    """Moment of inertia of body and load about the longitudinal axis through their center of
+    gravity; 0 to use that of a homogeneous box as wide as the chassis"""
+
+
+class PassiveLossConfiguration(Configuration):
+    """Resistance of the rollers of every wheel; none by default."""
+
+    rolling_resistance: float = parameter(0.0, minimum=0.0, maximum=1.0)
+    """Ratio of the rollers' rolling resistance to the load, at a small load; about 0.015 for car
+    tires on concrete"""
+    speed_growth: float = parameter(0.0, unit="s^2/m^2", minimum=0.0, maximum=1.0)
+    """Growth of the ratio of rolling resistance to load with the square of the speed of the
+    roller's surface"""
+    elasticity: float = parameter(0.0, unit="m/N", minimum=0.0, maximum=1.0e-3)
+    """C of Eq. (19), elasticity of the tread; the ratio of resistance to load grows in proportion
+    to C and to the load"""
+    roller_diameter: float = parameter(0.08, unit="m", minimum=1.0e-3, maximum=10.0)
+    """D of Eq. (19), diameter of the rollers"""
+    section_ratio: float = parameter(1.0, minimum=0.0, maximum=10.0)
+    """h_t / w_t of Eq. (19), height divided by width of the rollers' tread"""
+    bearing_friction: float = parameter(0.0, minimum=0.0, maximum=1.0)
+    """Friction force of the rollers' bearings at the rollers' surface, divided by the load"""
+    roller_mass: float = parameter(0.0, unit="kg", minimum=0.0, maximum=1.0e3)
+    """Mass of the roller in contact, which is a solid cylinder"""
+
+    @property
+    def constant_share(self) -> float:
+        """Ratio of friction to load at a small load [1]."""
+        return self.rolling_resistance + self.bearing_friction
+
+    @property
+    def growing_share(self) -> float:
+        """Increase of the ratio of friction to load per unit of load, Eq. (19) [1/N]."""
+        return self.elasticity / self.roller_diameter * math.sqrt(self.section_ratio)
+
+    @property
+    def inertia(self) -> float:
+        """Moment of inertia of a roller divided by its squared radius, ``m_r / 2`` [kg]."""
+        return 0.5 * self.roller_mass
+
+    @property
+    def active(self) -> bool:
+        """Whether any loss is configured."""
+        shares = self.constant_share, self.speed_growth, self.growing_share
+        return max(*shares, self.inertia) > 0.0
+
+
 _SOUND = WheelCondition()
 
 
@@ -71,11 +136,11 @@ class VehicleConfiguration(Configuration):
     """Center of the chassis, forward of base_link"""
     chassis_y: float = parameter(0.0, unit="m", minimum=-LARGEST_OFFSET, maximum=LARGEST_OFFSET)
     """Center of the chassis, left of base_link"""
-    body: loads.MassConfiguration = parameter()
+    body: MassConfiguration = parameter()
     """Mass of the chassis including wheels and drives"""
-    load: loads.MassConfiguration = section(lambda: loads.MassConfiguration(mass=0.0, height=0.0))
+    load: MassConfiguration = section(lambda: MassConfiguration(mass=0.0, height=0.0))
     """Movable load"""
-    fork: loads.ForkConfiguration = section(loads.ForkConfiguration)
+    fork: ForkConfiguration = section(ForkConfiguration)
     """Fork that lifts the load during a run"""
     tire: TireConfiguration = section(TireConfiguration)
     """Tire of every wheel"""
@@ -122,9 +187,9 @@ class VehicleConfiguration(Configuration):
         return self.chassis_x, self.chassis_y
 
     @functools.cached_property
-    def masses(self) -> loads.MassProperties:
+    def masses(self) -> MassProperties:
         """Mass properties of body and load together."""
-        return loads.MassProperties.of(self.body, self.load)
+        return MassProperties.of(self.body, self.load)
 
     def height_at(self, time: ArrayLike) -> quantities.FloatArray:
         """Return the height of the center of gravity of body and load [m] at times [s]."""
@@ -194,14 +259,12 @@ class VehicleConfiguration(Configuration):
         if self.body.mass + self.load.mass <= 0.0:
             raise ConfigurationError("body.mass", "body and load together must have a mass")
         position = kinematics.geometry.position
-        if len(position) > loads.MAXIMUM_WHEELS:
-            raise ConfigurationError(
-                "wheels", f"at most {loads.MAXIMUM_WHEELS} wheels are supported"
-            )
+        if len(position) > MAXIMUM_WHEELS:
+            raise ConfigurationError("wheels", f"at most {MAXIMUM_WHEELS} wheels are supported")
         masses = self.masses
         if masses.yaw_inertia <= 0.0:
             raise ConfigurationError("body.yaw_inertia", "the vehicle must have a yaw inertia")
-        hull = position[loads.support_polygon(position)]
+        hull = position[support_polygon(position)]
         edges = np.roll(hull, -1, axis=0) - hull
         inside = geometry.cross(edges, masses.center - hull) / np.linalg.norm(edges, axis=1)
         if len(hull) < 3 or float(np.min(inside)) <= 0.0:

@@ -15,9 +15,7 @@ Source: E. Todorov, T. Erez and Y. Tassa, "MuJoCo: A physics engine for model-ba
 2012. The package is optional, see `requirements/mujoco.in`.
 """
 
-import importlib
 import math
-import os
 from collections.abc import Iterator
 from typing import Any
 
@@ -27,18 +25,17 @@ from numpy.typing import ArrayLike
 from omni_core.configuration import ConfigurationError
 from omni_core.kinematics import PlatformKinematics
 from omni_core.quantities import GRAVITY, FloatArray
-from omni_sim.ground.elevation import ElevationConfiguration
+from omni_sim.ground.configuration import ElevationConfiguration
 from omni_sim.ground.friction import FrictionMap, friction_at
 from omni_sim.tire.interface.model import curve_at
 from omni_sim.vehicle import state as layout
 from omni_sim.vehicle.configuration import VehicleConfiguration
 from omni_sim.vehicle.dynamics import in_turned_frame
+from omni_sim.vehicle.mujoco_import import load_mujoco
 from omni_sim.vehicle.plant import static_loads
 from omni_sim.vehicle.vehicle import Vehicle, VehicleInputError
 from omni_sim.wheel.brake_pressure import press, set_demand
 from omni_sim.wheel.roller_geometry import RollerConfiguration
-
-INSTALL = "./omni install mujoco"
 
 _DAMPING_RATIO = 0.5  # damping ratio of the vehicle on its springs
 _SOFTNESS = 0.002  # time constant of contacts and of the brakes' friction [s]
@@ -52,19 +49,6 @@ def build_vehicle(configuration: VehicleConfiguration, *others: Any, **options: 
     """
     kind = MujocoVehicle if configuration.wheel_model == "mujoco" else Vehicle
     return kind(configuration, *others, **options)
-
-
-def load_mujoco() -> Any:
-    """Return the module of MuJoCo, imported without the viewer.
-
-    Raises:
-        ConfigurationError: MuJoCo is not installed; the message explains how to install it.
-    """
-    os.environ.setdefault("MUJOCO_GL", "disable")
-    try:
-        return importlib.import_module("mujoco")
-    except ImportError as error:
-        raise ConfigurationError("mujoco", f"is not installed; {INSTALL}") from error
 
 
 class MujocoVehicle(Vehicle):

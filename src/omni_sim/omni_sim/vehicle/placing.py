@@ -6,10 +6,10 @@ import numpy as np
 
 from omni_core.quantities import GRAVITY, FloatArray
 from omni_sim.vehicle import dynamics, roller_dynamics, suspension, uneven_ground
-from omni_sim.vehicle.loads import MassProperties
+from omni_sim.vehicle.masses import MassProperties
 from omni_sim.vehicle.plant import static_loads
 from omni_sim.vehicle.state import ROLLER, State
-from omni_sim.wheel import brake_pressure, roller_geometry, steering
+from omni_sim.wheel import brake_pressure, roller_contact, steering
 
 _PLACEMENTS = 8  # iterations for the plane under the wheels, whose positions depend on the plane
 
@@ -123,8 +123,8 @@ def _place_rollers(state: State) -> None:
     for i, radius in enumerate(rolling_radius(state)):
         wheel, contact, axis = state.wheels[i], plant.contact[i], plant.rollers[i]
         angle = wheel["angle"]
-        gamma = angle - pitch * roller_geometry.nearest_roller(angle, pitch)
-        n_x, n_y, x, y, _, length, depth = roller_geometry.roller_contact(gamma, axis)
+        gamma = angle - pitch * roller_contact.nearest_roller(angle, pitch)
+        n_x, n_y, x, y, _, length, depth = roller_contact.roller_contact(gamma, axis)
         r_x, r_y = contact["r_x"] + x, contact["r_y"] + y
         rim = radius * wheel["speed"]
         slip_x = cos * v_x + sin * v_y - rate * r_y - rim * axis["u_x"]

@@ -9,9 +9,11 @@ from omni_core.kinematics import PlatformKinematics
 from omni_core.quantities import GRAVITY, FloatArray
 from omni_sim.ground.friction import FrictionMap
 from omni_sim.tire.combined_slip import passive_parameters
+from omni_sim.tire.models import kernel_parameters
 from omni_sim.vehicle import state
 from omni_sim.vehicle.configuration import VehicleConfiguration
-from omni_sim.vehicle.loads import load_plane, support_polygon, wheel_loads
+from omni_sim.vehicle.loads import load_plane, wheel_loads
+from omni_sim.vehicle.masses import support_polygon
 from omni_sim.wheel.roller_geometry import AXIS
 from omni_sim.wheel.steering import build_steering
 
@@ -52,7 +54,7 @@ def build_plant(
         drive_limit=configuration.drive.max_torque,
         drive_stiffness=configuration.drive.stiffness,
         ramp=ramp / geometry.radius,
-        tire=tire.kernel_parameters,
+        tire=kernel_parameters(tire),
         largest_load=tire.largest_load,
         stiffness=tire.stiffness,
         damping=tire.damping,

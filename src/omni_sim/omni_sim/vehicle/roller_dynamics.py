@@ -17,7 +17,7 @@ from omni_sim.tire.interface.model import curve_at
 from omni_sim.vehicle.state import Plant, Record, Rollers, Step, Structured
 from omni_sim.wheel.drivetrain import Drive, Spin
 from omni_sim.wheel.roller import RollerHub, RollerPatch, RollerStep, load_share, roller_step
-from omni_sim.wheel.roller_geometry import nearest_roller, roller_contact
+from omni_sim.wheel.roller_contact import nearest_roller, roller_contact
 from omni_sim.wheel.single import TireConstants
 
 # Inertia that is so large that the speed of the wheel is practically constant [kg m^2].

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omni_core.quantities import BoolArray, FloatArray, IntArray, Pair, Triple
-from omni_sim.ground.elevation import Terrain
+from omni_sim.ground.configuration import Terrain
 from omni_sim.wheel.brake_pressure import BrakePressure
 
 Structured = NDArray[np.void]
@@ -124,7 +124,7 @@ class Plant(NamedTuple):
         rolling: wheel speeds per unit of body twist, Eq. (32), shape (N, 3).
         position: position of the wheels relative to the center of gravity [m], shape (N, 2).
         plane: matrix from `loads.load_plane`, shape (N, 3).
-        hull: indices of the wheels from `loads.support_polygon`.
+        hull: indices of the wheels from `masses.support_polygon`.
         wheel_inertia: moment of inertia I of a wheel about its axis [kg m^2].
         drive_limit: limit on the torque of a clutch [N m].
         drive_stiffness: stiffness of a velocity drive that brakes [N m s/rad].

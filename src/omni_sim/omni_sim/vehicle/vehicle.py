@@ -9,7 +9,8 @@ from numpy.typing import ArrayLike
 from omni_core import kinematics, quantities
 from omni_core.configuration import ConfigurationWarning
 from omni_core.quantities import GRAVITY
-from omni_sim.ground.elevation import ElevationConfiguration, elevation_at
+from omni_sim.ground.configuration import ElevationConfiguration
+from omni_sim.ground.elevation import elevation_at
 from omni_sim.ground.friction import FrictionMap
 from omni_sim.vehicle import dynamics, placing, uneven_ground
 from omni_sim.vehicle import state as layout

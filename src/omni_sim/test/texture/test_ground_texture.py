@@ -12,12 +12,8 @@ from numpy.typing import NDArray
 
 from omni_core.configuration import ConfigurationError, from_mapping
 from omni_sim.texture.cache import TextureCache
-from omni_sim.texture.texture import (
-    KINDS,
-    GroundTexture,
-    TextureConfiguration,
-    generate_texture,
-)
+from omni_sim.texture.configuration import KINDS, TextureConfiguration
+from omni_sim.texture.texture import GroundTexture, generate_texture
 
 SIZE = 0.05
 

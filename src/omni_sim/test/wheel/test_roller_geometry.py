@@ -12,7 +12,8 @@ from scipy.optimize import minimize_scalar
 from omni_core.geometry import PlatformGeometry, WheelMount
 from omni_core.kinematics import PlatformKinematics
 from omni_core.quantities import FloatArray
-from omni_sim.wheel.roller_geometry import AXIS, RollerGeometry, nearest_roller, roller_contact
+from omni_sim.wheel.roller_contact import nearest_roller, roller_contact
+from omni_sim.wheel.roller_geometry import AXIS, RollerGeometry
 
 ANGLES_DEG = [-45.0, 20.0, 45.0, 60.0]
 

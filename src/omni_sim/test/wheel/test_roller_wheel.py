@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 
 from omni_sim.tire.combined_slip import combined_curve, slip_norms
+from omni_sim.tire.configuration import TireConfiguration, TMeasyConfiguration
 from omni_sim.tire.models import MODELS
-from omni_sim.tire.models.tmeasy import TMeasyConfiguration, curve_of, force_at
-from omni_sim.tire.tire import Tire, TireConfiguration
+from omni_sim.tire.models.tmeasy import curve_of, force_at
+from omni_sim.tire.tire import Tire
 from omni_sim.wheel.drivetrain import Drive, Spin
 from omni_sim.wheel.roller import RollerHub, RollerPatch, load_share, roller_step
 from omni_sim.wheel.single import TireConstants

@@ -14,11 +14,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from linescan_odometry.odometry import LineScanOdometry, OdometryConfiguration
+from linescan_odometry.configuration import OdometryConfiguration
+from linescan_odometry.odometry import LineScanOdometry
 from omni_core.quantities import FloatArray
 from omni_core.sensors import LineSensor, sensor_matrix
 from omni_core.signals import LineBatch
-from omni_sim.camera.camera import CameraConfiguration, LineCameraArray
+from omni_sim.camera.camera import LineCameraArray
+from omni_sim.camera.configuration import CameraConfiguration
 from omni_sim.texture.picture import read_picture
 from omni_sim.texture.texture import GroundTexture
 from omni_tools.line_trials import rig, trials
@@ -121,7 +123,7 @@ class Ground:
     """A ground with the direction in which the cameras move over it.
 
     Attributes:
-        kind: kind from `omni_sim.texture.texture.KINDS`, or the file of a picture.
+        kind: kind from `omni_sim.texture.configuration.KINDS`, or the file of a picture.
         angle: direction of motion relative to the texture's x axis (the direction of the fibers)
             [rad]; NaN for a random direction.
         dpi: dots per inch of a picture on the ground.

@@ -24,7 +24,7 @@ from omni_core.configuration import Configuration, parameter
 from omni_core.quantities import Float32Array, FloatArray
 from omni_runs.figures import style
 from omni_runs.metrics import Metric
-from omni_sim.camera.camera import CameraConfiguration
+from omni_sim.camera.configuration import CameraConfiguration
 from omni_sim.texture.texture import GroundTexture
 from omni_studies.line_trials import integrity_trials as trials
 from omni_studies.study import StudyResult, StudyRun

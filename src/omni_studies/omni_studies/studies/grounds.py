@@ -26,7 +26,8 @@ from omni_core.quantities import FloatArray
 from omni_core.sensors import OVERLAP, LineSensor
 from omni_runs.figures import style
 from omni_runs.metrics import Metric
-from omni_sim.camera.camera import CameraConfiguration, LineCameraArray
+from omni_sim.camera.camera import LineCameraArray
+from omni_sim.camera.configuration import CameraConfiguration
 from omni_sim.texture.texture import GroundTexture
 from omni_studies import line_options
 from omni_studies.line_options import LineOptions, TextureOptions

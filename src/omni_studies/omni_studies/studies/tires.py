@@ -18,8 +18,9 @@ from omni_runs.figures import style
 from omni_runs.metrics import Metric
 from omni_sim.configuration import SimulationConfiguration
 from omni_sim.tire.combined_slip import combined_forces
+from omni_sim.tire.configuration import TireConfiguration
 from omni_sim.tire.models import tmeasy
-from omni_sim.tire.tire import Tire, TireConfiguration
+from omni_sim.tire.tire import Tire
 from omni_sim.vehicle.configuration import VehicleConfiguration
 from omni_sim.vehicle.vehicle import DEFAULT_PHYSICS_STEP, Vehicle
 from omni_studies.study import StudyResult, StudyRun

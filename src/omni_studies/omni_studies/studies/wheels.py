@@ -30,9 +30,13 @@ from omni_runs.figures import style
 from omni_runs.history import RunHistory
 from omni_runs.loop import run_closed_loop
 from omni_runs.metrics import Metric, run_metrics
-from omni_sim.vehicle.configuration import VehicleConfiguration, WheelCondition
-from omni_sim.vehicle.mujoco_vehicle import MujocoVehicle, load_mujoco
-from omni_sim.vehicle.suspension import SuspensionConfiguration
+from omni_sim.vehicle.configuration import (
+    SuspensionConfiguration,
+    VehicleConfiguration,
+    WheelCondition,
+)
+from omni_sim.vehicle.mujoco_import import load_mujoco
+from omni_sim.vehicle.mujoco_vehicle import MujocoVehicle
 from omni_sim.vehicle.vehicle import DEFAULT_PHYSICS_STEP, Vehicle
 from omni_studies.study import StudyResult, StudyRun
 from omni_studies.wheels import cost, kinds, trials

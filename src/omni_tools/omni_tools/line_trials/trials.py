@@ -14,8 +14,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from linescan_odometry.configuration import OdometryConfiguration
 from linescan_odometry.matching import search, subpixel
-from linescan_odometry.odometry import LineScanOdometry, OdometryConfiguration
+from linescan_odometry.odometry import LineScanOdometry
 from omni_core.quantities import BoolArray, FloatArray, IntArray
 from omni_core.sensors import sensor_matrix
 from omni_core.signals import Lines

@@ -21,11 +21,14 @@ from omni_runs.limit.bounds import (
 from omni_runs.limit.forces import Case, LimitVehicle, farthest
 from omni_runs.limit.stop_kinds import Maneuver
 from omni_sim.configuration import GroundConfiguration
-from omni_sim.ground.friction import FrictionPatch
-from omni_sim.vehicle.configuration import VehicleConfiguration
-from omni_sim.vehicle.loads import ForkConfiguration, MassConfiguration, load_plane
-from omni_sim.vehicle.suspension import SuspensionConfiguration
-from omni_sim.wheel.passive_losses import PassiveLossConfiguration
+from omni_sim.ground.configuration import FrictionPatch
+from omni_sim.vehicle.configuration import (
+    PassiveLossConfiguration,
+    SuspensionConfiguration,
+    VehicleConfiguration,
+)
+from omni_sim.vehicle.loads import load_plane
+from omni_sim.vehicle.masses import ForkConfiguration, MassConfiguration
 
 ROOT = Path(__file__).parents[4]
 FLAT = GroundConfiguration()
