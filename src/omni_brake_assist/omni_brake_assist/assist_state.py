@@ -178,8 +178,9 @@ def make_constants(
 ) -> Constants:
     """Return the constants of the compiled step for a configuration and wheel geometry."""
     center, geometry = geometry.center, geometry.seen_from(geometry.center)
-    x, y = configuration.imu_x - center[0], configuration.imu_y - center[1]
-    configuration = dataclasses.replace(configuration, imu_x=float(x), imu_y=float(y))
+    if np.any(center):
+        x, y = configuration.imu_x - center[0], configuration.imu_y - center[1]
+        configuration = dataclasses.replace(configuration, imu_x=float(x), imu_y=float(y))
     r_x, r_y = np.ascontiguousarray(geometry.position.T)
     return Constants(
         fail_safe.make_limits(configuration, float(np.max(np.hypot(r_x, r_y)))),

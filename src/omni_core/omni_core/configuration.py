@@ -123,6 +123,17 @@ class ParameterInfo:
                 return words
         raise TypeError(f"{cls.__name__}.{name} has no description")
 
+    def permits(self, value: Any) -> bool:
+        """Return whether a value of the field's type is finite, within the bounds and a choice."""
+        if isinstance(value, int | float):
+            return (
+                math.isfinite(value)
+                and (self.minimum is None or value >= self.minimum)
+                and (self.maximum is None or value <= self.maximum)
+                and (self.above is None or value > self.above)
+            )
+        return self.choices is None or value in self.choices
+
     def bounds_in_words(self) -> str:
         """Return a description of the permitted range."""
         unit = f" {self.unit}" if self.unit else ""
@@ -196,7 +207,8 @@ class Configuration:
             if without_none(kind) is float and type(value) is int:
                 value = _convert(value, float, name)  # an integer such as 1 is accepted as 1.0
                 object.__setattr__(self, name, value)
-            _check_value(name, value, kind, info)
+            if type(value) is not kind or kind is int or not info.permits(value):
+                _check_value(name, value, kind, info)
         self.check_consistency()
 
     def check_consistency(self) -> None:
@@ -422,12 +434,7 @@ def _check_range(name: str, value: float, info: ParameterInfo) -> None:
         )
     if not math.isfinite(value):
         raise ConfigurationError(name, f"{value}{unit} is not a finite number")
-    outside = (
-        (info.minimum is not None and value < info.minimum)
-        or (info.maximum is not None and value > info.maximum)
-        or (info.above is not None and value <= info.above)
-    )
-    if outside:
+    if not info.permits(value):
         raise ConfigurationError(
             name, f"{value:.15g}{unit} is out of range, must be {info.bounds_in_words()}"
         )

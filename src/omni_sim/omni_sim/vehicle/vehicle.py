@@ -30,6 +30,9 @@ from omni_sim.wheel.brake_pressure import build_brake_pressure
 DEFAULT_PHYSICS_STEP = 0.0005
 """Physics step [s]."""
 
+# Entry of `warnings.filters` with which a program turns the remarks off.
+_SILENT = ("ignore", None, ConfigurationWarning, None, 0)
+
 
 class VehicleInputError(ValueError):
     """An input to the vehicle has the wrong shape, is not finite, or is out of range."""
@@ -89,8 +92,9 @@ class Vehicle:
         """
         if not 0.0 < physics_step <= 0.01:
             raise VehicleInputError(f"physics step {physics_step} s must be in (0, 0.01] s")
-        for remark in vehicle_remarks(configuration):
-            warnings.warn(remark, ConfigurationWarning, stacklevel=2)
+        if _SILENT not in warnings.filters:  # remarks take time
+            for remark in vehicle_remarks(configuration):
+                warnings.warn(remark, ConfigurationWarning, stacklevel=2)
         self.configuration = configuration
         self.kinematics = kinematics.PlatformKinematics.of(configuration.wheels)
         self.masses = configuration.masses

@@ -77,7 +77,8 @@ def describe(
 def _check_one(controllers: Sequence[Controller]) -> None:
     first, *others = controllers
     for other in others:
-        if other._replace(name=first.name) != first:
+        # The frame of the twist and the names of parameters are no kinematics.
+        if other._replace(name=first.name, base=first.base, keys=first.keys) != first:
             raise ConfigurationError(
                 "--from",
                 f"several controllers drive wheels in different ways: {first.name} and "
@@ -104,6 +105,7 @@ def _of_controller(controller: Controller | None, radius: float | None) -> Descr
         values = {"x": mount.x, "y": mount.y, **angles, "radius": mount.radius}
         found.wheels[name] = {key: round(value, 6) + 0.0 for key, value in values.items()}
     found.sources["wheels"] = f"{controller.name}, which assumes the roller directions"
+    found.questions += [_ROLLERS] * (found.kind == MECANUM)
     found.questions.append(
         "the files contain no chassis: how long and wide is it? (--length, --width)"
     )
@@ -129,11 +131,11 @@ def _kind(
                 f"{controller.kind} wheels; used: {controller.kind}; look at the wheels"
             )
         return controller.kind
-    if parallel:
-        found.questions.append(
-            "the axles are parallel, so the wheels are taken as Mecanum wheels: are they? "
-            "(--kind omni for others)"
-        )
+    words = ("", "Mecanum wheels", "omni") if parallel else ("not ", "omni-wheels", "mecanum")
+    found.questions.append(
+        "the axles are {}parallel, so the wheels are taken as {}: are they? (--kind {} for "
+        "others)".format(*words)
+    )
     return MECANUM if parallel else OMNI
 
 
@@ -180,8 +182,8 @@ def _place_wheels(
     _ask_about_directions(found, file, difference, controller)
     if not alike:
         found.questions.append(
-            "the shapes of the wheels are meshes: which radius do they have (--wheel-radius), and "
-            "are their middles at the joints?"
+            "the shapes of the wheels are meshes or have no size: which radius do they have "
+            "(--wheel-radius), and are their middles at the joints?"
         )
     found.sources["wheels"] = f"joints of {file}"
     if found.kind == MECANUM:
@@ -286,7 +288,7 @@ def _ask_about_names(found: Described, wheels: Sequence[DescribedWheel]) -> None
 
 def _assumed(controller: Controller | None) -> dict[str, tuple[float, float]]:
     """Return heading [deg] and factor of the radius that a controller assumes, keyed by joint."""
-    if controller is None:
+    if controller is None or (controller.kind == OMNI and controller.wheel_offset is None):
         return {}
     theta, count = math.degrees(controller.offset[2]), len(controller.joints)
     first = math.degrees(controller.wheel_offset or 0.0) - 90.0
