@@ -24,6 +24,7 @@ from omni_core.sensors import LineSensor
 from omni_sim.camera import optics
 from omni_sim.camera.configuration import BUMP, CameraConfiguration, CameraFault
 
+
 def elapsed(first_line: int, count: int, line_rate: float) -> FloatArray:
     """Return the times at which lines are exposed [s], shape (count,).
 

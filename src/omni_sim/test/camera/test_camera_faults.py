@@ -52,7 +52,8 @@ def test_a_fault_changes_only_the_lines_of_its_camera_during_its_time(fault: Any
     np.testing.assert_array_equal(lines("right", CORK, **fault), healthy)
     faulty, clean = lines("left", CORK, **fault), lines("left", CORK, kind="light", amplitude=0.0)
     changed = np.flatnonzero((faulty != clean).any(axis=1))
-    assert changed.min() >= DURING.start and changed.max() < DURING.stop
+    assert changed.min() >= DURING.start
+    assert changed.max() < DURING.stop
     assert len(changed) >= 14  # a shadow and mains light begin at 0
 
 

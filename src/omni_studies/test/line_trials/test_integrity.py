@@ -10,7 +10,8 @@ import pytest
 from omni_core.commands.command_options import parse_options
 from omni_runs.experiment import ExperimentLibrary
 from omni_runs.metrics import Metric
-from omni_studies.line_trials.integrity_trials import FAULTS, Ground, PathMotion, Tally, drive_over
+from omni_studies.line_trials.integrity_cases import FAULTS, PathMotion
+from omni_studies.line_trials.integrity_trials import Ground, Tally, drive_over
 from omni_studies.studies import integrity
 from omni_studies.study import StudyRun
 
@@ -34,7 +35,8 @@ def test_a_fixed_pattern_is_not_taken_for_the_ground(fault: str, tallies: dict[s
 
 
 def test_steps_of_the_dark_signal_do_not_bias_fast_motion_over_a_faint_ground() -> None:
-    motions = (PathMotion((8.0, 0.0, 0.3), -1.0), PathMotion((5.0, 0.0, 0.0), -1.5))
+    braked = ((0.0, 1.0), (0.5, 0.25))
+    motions = (PathMotion((8.0, 0.0, 0.3), braked), PathMotion((5.0, 0.0, 0.0), braked))
     ground = Ground("brick", texels=2048)
     tally = drive_over(ground, {"steps": FAULTS["dark_steps"]}, range(2), 9, 1, motions)["steps"]
     assert not tally.undetected.any()
