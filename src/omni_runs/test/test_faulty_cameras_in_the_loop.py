@@ -28,3 +28,21 @@ def test_what_stands_still_in_the_view_does_not_turn_the_stop(fault: str) -> Non
 def test_oblique_texture_does_not_rotate_the_vehicle() -> None:
     slow_over_wood = ("ground=wood", "maneuver.heading_deg=30", "maneuver.speed=2")
     assert brakes_straight_or_with_every_wheel("sensors=lis_770i", *slow_over_wood)
+
+
+@pytest.mark.parametrize(("camera", "kind"), [("left", "cover"), ("front", "light")])
+def test_a_camera_that_goes_blind_during_a_stop_puts_all_brakes_on(camera: str, kind: str) -> None:
+    onset = 0.8  # s; the driver brakes from 0.5 s on
+    fault = f"{{kind: {kind}, camera: {camera}, amplitude: 1.0, time: {onset}}}"
+    overrides = ("feedback=optical", "ground=asphalt", f"camera.faults={{blind: {fault}}}")
+    run = run_closed_loop(ExperimentLibrary(CONFIG).load("straight_line", "assisted", overrides))
+    time = 1e-9 * run.stamp_ns
+    assisted = (time > 0.6) & (time <= onset)
+    assert (run.enable[assisted] < 1.0).any()
+    # The odometry needs the next batch, the assistant its limit on the age of a twist.
+    blind = time > onset + 0.12
+    assert (run.enable[blind] == 1.0).all()
+    speed = np.linalg.norm(run.twist[:, :2], axis=1)
+    assert speed[-1] < 0.05
+    turned = np.degrees(run.pose[:, 2] - run.pose[0, 2])
+    print(camera, kind, turned[-1], set(np.array(run.assist_state)[blind]), time[-1], speed[time > onset][0])
