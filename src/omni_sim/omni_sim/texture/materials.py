@@ -371,7 +371,7 @@ def _wet_asphalt(brush: Brush) -> Layers:
 
 
 def _sealed_concrete(brush: Brush) -> Layers:
-    octaves = ((0.04, 1.0), (0.001, 1.5), (0.0003, 2.0))
+    octaves = ((0.04, 0.6), (0.001, 1.5), (0.0003, 2.0))
     return [patterns.Plain(140.0), *brush.octaves(octaves)]
 
 
