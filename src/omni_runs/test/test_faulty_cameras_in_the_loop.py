@@ -44,5 +44,3 @@ def test_a_camera_that_goes_blind_during_a_stop_puts_all_brakes_on(camera: str, 
     assert (run.enable[blind] == 1.0).all()
     speed = np.linalg.norm(run.twist[:, :2], axis=1)
     assert speed[-1] < 0.05
-    turned = np.degrees(run.pose[:, 2] - run.pose[0, 2])
-    print(camera, kind, turned[-1], set(np.array(run.assist_state)[blind]), time[-1], speed[time > onset][0])
