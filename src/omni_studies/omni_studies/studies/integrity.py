@@ -39,13 +39,15 @@ from omni_tools.campaign.runner import CampaignOptions, digest
 from omni_tools.line_trials.trials import within_95
 
 _WOOD_ANGLES = (15, 30, 45, 60, 75)
-_KINDS = (
+_ALL_FAULTS_OVER = (
     "asphalt", "worn_asphalt", "concrete", "wet_concrete", "gravel", "grass", "sand", "bark",
-    "brick", "cobble", "planks", "carpet", "terrazzo", "slabs", "tile", "wet_asphalt",
-    "sealed_concrete", "epoxy", "flake_epoxy",
+    "brick", "cobble", "planks",
+)  # fmt: skip
+_FLOORS = (
+    "carpet", "terrazzo", "slabs", "tile", "wet_asphalt", "sealed_concrete", "epoxy", "flake_epoxy",
 )  # fmt: skip
 GROUNDS = {
-    **{kind: trials.Ground(kind) for kind in _KINDS},
+    **{kind: trials.Ground(kind) for kind in (*_ALL_FAULTS_OVER, *_FLOORS)},
     **{f"wood_{angle}": trials.Ground("wood", math.radians(angle)) for angle in _WOOD_ANGLES},
 }
 _ORIENTED = tuple(name for name in GROUNDS if name.startswith("wood_"))
@@ -54,6 +56,10 @@ _TEXTURED = ("gravel", "flake_epoxy", "carpet", "slabs", "terrazzo")
 _RICH = ("gravel", "grass", "flake_epoxy")
 _SMOOTH = ("sealed_concrete", "epoxy")
 _LIMITED_OVER = {
+    **dict.fromkeys(
+        ("stuck_pixel", "hot_pixels", "dark_steps", "shadow_fixed", "repeating_ground"),
+        _ALL_FAULTS_OVER,
+    ),
     **dict.fromkeys(cases.OF_TIME, _OF_TIME_OVER),
     **dict.fromkeys(("low_light", "heave", "late_dirt", "lost_light"), _RICH),
     **dict.fromkeys(
