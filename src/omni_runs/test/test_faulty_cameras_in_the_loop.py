@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from omni_runs.experiment import ExperimentLibrary
+from omni_runs.history import RunHistory
 from omni_runs.loop import run_closed_loop
 
 CONFIG = Path(__file__).parents[3] / "config"
@@ -30,17 +31,23 @@ def test_oblique_texture_does_not_rotate_the_vehicle() -> None:
     assert brakes_straight_or_with_every_wheel("sensors=lis_770i", *slow_over_wood)
 
 
+def stop(*overrides: str) -> RunHistory:
+    chosen = ("feedback=optical", "ground=asphalt", *overrides)
+    return run_closed_loop(ExperimentLibrary(CONFIG).load("straight_line", "assisted", chosen))
+
+
 @pytest.mark.parametrize(("camera", "kind"), [("left", "cover"), ("front", "light")])
-def test_a_camera_that_goes_blind_during_a_stop_puts_all_brakes_on(camera: str, kind: str) -> None:
-    onset = 0.8  # s; the driver brakes from 0.5 s on
-    fault = f"{{kind: {kind}, camera: {camera}, amplitude: 1.0, time: {onset}}}"
-    overrides = ("feedback=optical", "ground=asphalt", f"camera.faults={{blind: {fault}}}")
-    run = run_closed_loop(ExperimentLibrary(CONFIG).load("straight_line", "assisted", overrides))
-    time = 1e-9 * run.stamp_ns
-    assisted = (time > 0.6) & (time <= onset)
-    assert (run.enable[assisted] < 1.0).any()
-    # The odometry needs the next batch, the assistant its limit on the age of a twist.
-    blind = time > onset + 0.12
-    assert (run.enable[blind] == 1.0).all()
-    speed = np.linalg.norm(run.twist[:, :2], axis=1)
-    assert speed[-1] < 0.05
+def test_a_camera_that_is_blind_for_a_part_of_the_stop_changes_it_little(
+    camera: str, kind: str
+) -> None:
+    # The driver brakes from 0.5 s on. Without a twist, the assistant continues with the encoders.
+    fault = f"{{kind: {kind}, camera: {camera}, amplitude: 1.0, time: 0.8, duration: 0.4}}"
+    blind, clean = stop(f"camera.faults={{one: {fault}}}"), stop()
+    time = 1e-9 * blind.stamp_ns
+    during, after = (time > 0.83) & (time <= 1.2), (time > 1.3) & (time < 1.6)
+    assert np.isnan(blind.estimate[during]).all()
+    assert np.isfinite(blind.estimate[after]).mean() > 0.9
+    assert {"assisting", "below_speed_threshold"} >= set(np.array(blind.assist_state)[time > 0.8])
+    length = [float(np.linalg.norm(run.pose[-1, :2] - run.pose[0, :2])) for run in (blind, clean)]
+    assert length[0] < 1.02 * length[1]
+    assert np.degrees(np.ptp(blind.pose[:, 2])) < 5.0
