@@ -38,7 +38,8 @@ def stop(*overrides: str) -> RunHistory:
 
 @pytest.mark.safety(
     "the stop is longer or rotates more",
-    "one of three cameras is covered or gets no light for 0.4 s of a stop from 10 m/s, over asphalt",
+    "one of three cameras is covered or gets no light for 0.4 s of a stop from 10 m/s, over "
+    "asphalt",
     "validity of the lines, then dead reckoning: the stop is at most 2 % longer and rotates by at "
     "most 5 deg",
     within="the whole stop",
