@@ -53,7 +53,8 @@ class TimedFault:
     def active(self, time: FloatArray) -> IntArray:
         """Return the indices of the times [s] at which the fault is active."""
         since = time - self.fault.time
-        return np.flatnonzero((since >= 0.0) & (since < self.fault.duration))
+        active = np.flatnonzero((since >= 0.0) & (since < self.fault.duration))
+        return np.asarray(active, np.int64)
 
     def turns(self, time: FloatArray) -> IntArray:
         """Return the indices of the times [s] at which the mounting is turned."""

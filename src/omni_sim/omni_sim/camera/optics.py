@@ -171,7 +171,8 @@ def lit(sensor: LineSensor, edge: FloatArray) -> FloatArray:
             are in the shadow, shape (m,).
     """
     place = (np.arange(sensor.pixels) + 0.5) / sensor.pixels
-    return np.clip((place - edge[:, None]) * sensor.length / _PENUMBRA + 0.5, 0.0, 1.0)
+    share = np.clip((place - edge[:, None]) * sensor.length / _PENUMBRA + 0.5, 0.0, 1.0)
+    return np.asarray(share, np.float64)
 
 
 def defocus_weights(blur: float, pixels: int) -> tuple[Float32Array, int]:

@@ -91,8 +91,8 @@ def test_a_bump_turns_the_mounting_about_the_middle_of_the_view() -> None:
     turned = {"left": LineSensor(x=sensor.x, y=sensor.y, heading_deg=heading, **VIEW)}
     plain = CameraConfiguration(noise=0.0, exposure_time=5e-4)
     other = LineCameraArray(turned, CORK, plain, np.random.SeedSequence(1)).cameras["left"]
-    configuration = {"noise": 0.0, "exposure_time": 5e-4}
-    configuration["faults"] = {"one": {"kind": "bump", "amplitude": turn, "time": 0.0}}  # type: ignore[assignment]
+    faults = {"one": {"kind": "bump", "amplitude": turn}}
+    configuration = {"noise": 0.0, "exposure_time": 5e-4, "faults": faults}
     bumped = LineCameraArray(
         SENSORS, CORK, from_mapping(CameraConfiguration, configuration), np.random.SeedSequence(1)
     ).cameras["left"]

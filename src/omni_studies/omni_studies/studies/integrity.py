@@ -158,13 +158,13 @@ class IntegrityDrive(NamedTuple):
         ratio, error = tally.ratio[measured], tally.error[measured]
         every = len(tally.ratio), int(np.count_nonzero(tally.undetected))
         within = int(np.count_nonzero(within_95(ratio)))
-        counted = len(ratio), float(ratio @ ratio), within, float(error @ error)
+        squares, energy = float(ratio @ ratio), float(error @ error)
         hidden = int(np.count_nonzero(tally.covered))
         rejected = int(np.count_nonzero(tally.covered & ~measured))
         alarms = sum(words.startswith("covered") for words in tally.reasons) if not hidden else 0
         beyond = int(np.count_nonzero(tally.beyond))
-        late = beyond, *tally.autocovariance, hidden, rejected, alarms
-        return cls(seed, ground, fault, *every, *counted, *late)
+        errors = squares, within, energy, beyond, *tally.autocovariance
+        return cls(seed, ground, fault, *every, len(ratio), *errors, hidden, rejected, alarms)
 
     def plus(self, other: IntegrityDrive) -> IntegrityDrive:
         """Return the counts of this drive and another one together."""
