@@ -72,7 +72,7 @@ def test_a_cover_is_opaque() -> None:
 
 
 def test_mains_light_is_a_sine() -> None:
-    flicker = {"kind": "flicker", "amplitude": 0.2, "time": 0.0, "duration": 1.0}
+    flicker: dict[str, Any] = {"kind": "flicker", "amplitude": 0.2, "time": 0.0, "duration": 1.0}
     wanted = 200.0 * (1.0 + 0.2 * np.sin(2.0 * math.pi * np.arange(40) / 10.0))
     np.testing.assert_allclose(lines(**flicker)[:, 50], wanted, atol=0.5)
 

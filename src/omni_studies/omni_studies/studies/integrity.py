@@ -156,15 +156,25 @@ class IntegrityDrive(NamedTuple):
         """Return the counts of a drive, from the errors of all batches."""
         measured = np.isfinite(tally.ratio)
         ratio, error = tally.ratio[measured], tally.error[measured]
-        every = len(tally.ratio), int(np.count_nonzero(tally.undetected))
-        within = int(np.count_nonzero(within_95(ratio)))
-        squares, energy = float(ratio @ ratio), float(error @ error)
+        products, powers = tally.autocovariance
         hidden = int(np.count_nonzero(tally.covered))
-        rejected = int(np.count_nonzero(tally.covered & ~measured))
-        alarms = sum(words.startswith("covered") for words in tally.reasons) if not hidden else 0
-        beyond = int(np.count_nonzero(tally.beyond))
-        errors = squares, within, energy, beyond, *tally.autocovariance
-        return cls(seed, ground, fault, *every, len(ratio), *errors, hidden, rejected, alarms)
+        return cls(
+            seed=seed,
+            ground=ground,
+            fault=fault,
+            batches=len(tally.ratio),
+            undetected=int(np.count_nonzero(tally.undetected)),
+            measured=len(ratio),
+            squares=float(ratio @ ratio),
+            covered=int(np.count_nonzero(within_95(ratio))),
+            energy=float(error @ error),
+            beyond=int(np.count_nonzero(tally.beyond)),
+            products=products,
+            powers=powers,
+            hidden=hidden,
+            rejected=int(np.count_nonzero(tally.covered & ~measured)),
+            alarms=0 if hidden else sum(w.startswith("covered") for w in tally.reasons),
+        )
 
     def plus(self, other: IntegrityDrive) -> IntegrityDrive:
         """Return the counts of this drive and another one together."""
