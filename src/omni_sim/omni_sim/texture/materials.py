@@ -332,17 +332,17 @@ def _carpet(brush: Brush) -> Layers:
     cells = brush.cells(0.0025)
     loops = patterns.Cells(
         brush.generator.uniform(0.4, 0.6, (cells, cells, 2)).astype(np.float32),
-        brush.generator.normal(98.0, 12.0, (cells, cells)).astype(np.float32),
+        brush.generator.normal(98.0, 6.0, (cells, cells)).astype(np.float32),
         border_gray=58.0,
         border=0.0009 * cells / brush.size,
         warp=np.zeros((2, 1, 1), np.float32),
     )
-    return [loops, *brush.octaves(((0.02, 3.0), (0.0008, 5.0), (0.0003, 7.0)))]
+    return [loops, *brush.octaves(((0.02, 2.0), (0.0008, 3.0), (0.0003, 5.0)))]
 
 
 def _terrazzo(brush: Brush) -> Layers:
-    chips = brush.stones((0.0008, 0.00475), 0.9, (130.0, 38.0), 0.5)
-    return [patterns.Plain(168.0), chips, *brush.octaves(((0.004, 2.0), (0.0004, 1.5)))]
+    chips = brush.stones((0.0008, 0.00475), 0.9, (140.0, 18.0), 0.5)
+    return [patterns.Plain(158.0), chips, *brush.octaves(((0.004, 2.0), (0.0004, 1.5)))]
 
 
 def _slabs(brush: Brush) -> Layers:

@@ -40,6 +40,7 @@ class Ground:
         seed: seed of the pattern.
         texels: number of texels per period of 0.2 m. With 8192 texels, a camera with 1024 px over
             50 mm has two texels per pixel.
+        noise: standard deviation of the noise of the cameras [gray levels].
     """
 
     kind: str
@@ -47,6 +48,7 @@ class Ground:
     dpi: float = 0.0
     seed: int = 1
     texels: int = 8192
+    noise: float = CameraConfiguration.noise
 
     def texture(self) -> GroundTexture:
         """Return the texture of the ground; a picture is read, and any other ground is rendered."""
@@ -199,6 +201,8 @@ def _developed(
     coarse = GroundTexture(np.ascontiguousarray(texture.gray[::16, ::16]), texture.size)
     if fault.level:
         camera = dataclasses.replace(camera, gain=fault.level / float(coarse.gray.mean()))
+    else:
+        camera = dataclasses.replace(camera, noise=ground.noise)
     key = np.random.SeedSequence((seed, number) if camera.faults else seed)
     cameras = LineCameraArray(SENSORS, coarse, camera, key).cameras
     first = 0 if camera.faults else number * len(drive.time)

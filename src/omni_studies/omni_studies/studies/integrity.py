@@ -46,8 +46,10 @@ _ALL_FAULTS_OVER = (
 _FLOORS = (
     "carpet", "terrazzo", "slabs", "tile", "wet_asphalt", "sealed_concrete", "epoxy", "flake_epoxy",
 )  # fmt: skip
+_FLOOR_NOISE = 2.0  # gray levels; the light indoors is weak
 GROUNDS = {
-    **{kind: trials.Ground(kind) for kind in (*_ALL_FAULTS_OVER, *_FLOORS)},
+    **{kind: trials.Ground(kind) for kind in _ALL_FAULTS_OVER},
+    **{kind: trials.Ground(kind, noise=_FLOOR_NOISE) for kind in _FLOORS},
     **{f"wood_{angle}": trials.Ground("wood", math.radians(angle)) for angle in _WOOD_ANGLES},
 }
 _ORIENTED = tuple(name for name in GROUNDS if name.startswith("wood_"))
