@@ -114,6 +114,7 @@ class IntegrityCase:
         heave: relative change of the view by heave of 30 Hz; needs an ordinary lens.
         motions: motions of the cameras.
         lead: time at the start of a drive that is not counted [s].
+        before: kind of the ground during the lead; empty for the ground of the drive.
     """
 
     camera: CameraConfiguration = dataclasses.field(default_factory=CameraConfiguration)
@@ -126,6 +127,7 @@ class IntegrityCase:
     heave: float = 0.0
     motions: tuple[PathMotion, ...] = MOTIONS
     lead: float = 0.0
+    before: str = ""
 
     @property
     def covered(self) -> frozenset[str]:
@@ -142,8 +144,15 @@ def _timed(kind: str, amplitude: float, time: float = 0.0, camera: str = "") -> 
     return CameraConfiguration(faults={kind: fault})
 
 
+def _walk(camera: CameraConfiguration, before: str = "") -> IntegrityCase:
+    lead = LEAD if before else 0.0
+    return IntegrityCase(camera=camera, motions=_WALK, lead=lead, before=before)
+
+
+_NOTHING = CameraConfiguration()
 _DIRTY = CameraConfiguration(dirt_spots=30)
 _UNEQUAL = CameraConfiguration(photo_response=0.05)
+_MUDDY = CameraConfiguration(mud=0.28)
 _FLICKER = _timed("flicker", 0.2)
 _HEAVE = CameraConfiguration(lens=ORDINARY)
 
@@ -181,10 +190,14 @@ FAULTS: Mapping[str, IntegrityCase] = {
     "rest_after_motion": IntegrityCase(
         motions=tuple(_along(0.5, a, _STOP) for a in _ANGLES), lead=LEAD
     ),
-    "walk": IntegrityCase(motions=_WALK),
-    "walk_dirt": IntegrityCase(camera=_DIRTY, motions=_WALK),
-    "walk_prnu": IntegrityCase(camera=_UNEQUAL, motions=_WALK),
-    "walk_mud": IntegrityCase(camera=CameraConfiguration(mud=0.28), motions=_WALK),
+    "walk": _walk(_NOTHING),
+    "walk_dirt": _walk(_DIRTY),
+    "walk_prnu": _walk(_UNEQUAL),
+    "walk_mud": _walk(_MUDDY),
+    "walk_after_gravel": _walk(_NOTHING, "gravel"),
+    "walk_after_gravel_dirt": _walk(_DIRTY, "gravel"),
+    "walk_after_gravel_prnu": _walk(_UNEQUAL, "gravel"),
+    "walk_after_gravel_mud": _walk(_MUDDY, "gravel"),
     "cover_left": IntegrityCase(
         camera=_timed("cover", 1.0, LEAD, "left"), motions=_BELOW_COVER, lead=LEAD
     ),

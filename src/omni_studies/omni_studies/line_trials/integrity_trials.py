@@ -5,6 +5,8 @@ fault, the rendered lines are converted to lines of faulty cameras. The odometry
 for each drive and fault, so that its estimates of camera properties depend only on this drive.
 """
 
+from __future__ import annotations
+
 import dataclasses
 import functools
 import math
@@ -131,9 +133,10 @@ def drive_over(
         for name, fault in faults.items():
             chosen = motions or fault.motions
             motion, lead = chosen[number % len(chosen)], round(fault.lead / rig.BATCH_TIME)
-            drive = _exposed(
-                ground, seed, motion, number, lead + batches, fault.repeats, fault.heave
-            )
+            rest = seed, motion, number, lead + batches, fault.repeats, fault.heave
+            drive = _exposed(ground, *rest)
+            if fault.before:
+                drive = drive.after(_exposed(Ground(fault.before), *rest), fault.lead)
             readings, twists = _measure(
                 fault, _developed(ground, fault, drive, number, seed), drive, motion, settings
             )
@@ -181,6 +184,15 @@ class _Exposed(NamedTuple):
     path: FloatArray
     exposures: Mapping[str, Float32Array]
 
+    def after(self, first: _Exposed, lead: float) -> _Exposed:
+        """Return this drive with the exposures of another drive during the first `lead` [s]."""
+        before = (self.time < lead)[:, None]
+        exposures = {
+            name: np.where(before, first.exposures[name], own)
+            for name, own in self.exposures.items()
+        }
+        return self._replace(exposures=exposures)
+
 
 def _developed(
     ground: Ground, fault: IntegrityCase, drive: _Exposed, number: int, seed: int
@@ -209,7 +221,7 @@ def _developed(
     return {name: own.develop(drive.exposures[name], first) for name, own in cameras.items()}
 
 
-@functools.lru_cache(2)
+@functools.lru_cache(4)
 def _exposed(
     ground: Ground,
     seed: int,
@@ -260,12 +272,12 @@ def _heaved(camera: LineCamera, poses: FloatArray, rise: FloatArray) -> Float32A
     return np.array(lines)
 
 
-@functools.lru_cache(1)
+@functools.lru_cache(2)
 def _texture(ground: Ground) -> GroundTexture:
     return ground.texture()
 
 
-@functools.lru_cache(2)
+@functools.lru_cache(3)
 def _cameras(ground: Ground, seed: int, repeats: bool, lens: str) -> LineCameraArray:
     """Return fault-free cameras over the ground, or over a periodic repetition of its beginning."""
     texture = _texture(ground)

@@ -69,7 +69,7 @@ _LIMITED_OVER = {
          "rest_after_motion", "cover_left", "cover_front"),
         _TEXTURED,
     ),
-    **dict.fromkeys(("walk", "walk_dirt", "walk_prnu", "walk_mud"), _SMOOTH),
+    **dict.fromkeys((name for name in cases.FAULTS if name.startswith("walk")), _SMOOTH),
 }  # fmt: skip
 """Grounds over which a fault is injected by default; any other fault is injected over all grounds
 but wood."""

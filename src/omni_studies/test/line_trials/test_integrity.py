@@ -11,7 +11,7 @@ from omni_core.commands.command_options import parse_options
 from omni_runs.experiment import ExperimentLibrary
 from omni_runs.metrics import Metric
 from omni_studies.line_trials.integrity_cases import FAULTS, PathMotion
-from omni_studies.line_trials.integrity_trials import Ground, Tally, drive_over
+from omni_studies.line_trials.integrity_trials import Ground, Tally, _Exposed, drive_over
 from omni_studies.studies import integrity
 from omni_studies.study import StudyRun
 
@@ -114,6 +114,12 @@ def test_a_case_counts_what_follows_its_lead_and_knows_the_covered_camera() -> N
     assert len(tally.scores) == 2
     assert tally.scores[0].shape == (4, 3)
     assert seen.size == 16
+
+
+def test_a_drive_over_two_grounds_has_the_exposures_of_both() -> None:
+    time, one, two = np.linspace(0.0, 0.5, 6), np.zeros((6, 2)), np.ones((6, 2))
+    first, drive = (_Exposed(time, time, {"left": own.astype(np.float32)}) for own in (one, two))
+    assert drive.after(first, 0.3).exposures["left"][:, 0].tolist() == [0, 0, 0, 1, 1, 1]
 
 
 @pytest.mark.parametrize("name", ["low_light", "heave", "start", "rest_flicker"])
