@@ -57,6 +57,7 @@ _OF_TIME_OVER = ("asphalt", "concrete", "gravel", "grass", "brick")
 _TEXTURED = ("gravel", "flake_epoxy", "carpet", "slabs", "terrazzo")
 _RICH = ("gravel", "grass", "flake_epoxy")
 _SMOOTH = ("sealed_concrete", "epoxy")
+_COARSE = ("brick", "carpet", "slabs", "tile", "terrazzo", "wet_asphalt")
 _LIMITED_OVER = {
     **dict.fromkeys(
         ("stuck_pixel", "hot_pixels", "dark_steps", "shadow_fixed", "repeating_ground"),
@@ -326,6 +327,10 @@ def _metrics(
         if counts.hidden:
             rejected = 100.0 * counts.rejected / counts.hidden
             metrics[f"cover_detected.{key}"] = Metric(rejected, "%")
+    coarse = [tallies[name, "none"] for name in _COARSE if (name, "none") in tallies]
+    if len(coarse) == len(_COARSE):
+        share = 100.0 * sum(c.measured for c in coarse) / sum(c.batches for c in coarse)
+        metrics["pooled_availability.coarse_none"] = Metric(share, "%")
     return metrics
 
 
