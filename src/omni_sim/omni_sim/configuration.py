@@ -129,6 +129,9 @@ class SimulatorConfiguration(Configuration):
                     f"{self.simulation.control_period:g} s",
                 )
         self._check_carriers()
+        for name, fault in self.camera.faults.items():
+            if fault.camera:
+                check_choice(f"camera.faults.{name}.camera", fault.camera, self.sensors)
         check_exposure(self.sensors, self.camera)
         check_flow_sensors(self.flow_sensors, self.flow, self.simulation.control_period)
         if self.imu.rate * self.simulation.physics_step > 1.0:

@@ -322,7 +322,8 @@ _PHOTOGRAPHED = {"asphalt": (1.9, 3.1), "worn_asphalt": (1.9, 3.1)}
 _GROUNDS = (
     "cork", "asphalt", "stone", "wood", "plastic", "metal", "walking_tile", "dry_earth",
     "worn_asphalt", "concrete", "wet_concrete", "gravel", "sand", "grass", "bark", "brick",
-    "cobble", "planks",
+    "cobble", "planks", "carpet", "terrazzo", "slabs", "tile", "wet_asphalt", "sealed_concrete",
+    "epoxy", "flake_epoxy",
 )  # fmt: skip
 
 
