@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 from omni_core import topics
 from omni_core.commands.command_options import CommandOptions, option
 from omni_core.commands.command_report import Report, estimate, estimate_table, write_text
+from omni_core.configuration import ConfigurationError
 from omni_runs.workspace import ExperimentWorkspace
 
 if TYPE_CHECKING:
@@ -71,6 +72,10 @@ def run(options: Options, workspace: ExperimentWorkspace) -> Report:
     """Estimate the load, write it as a vehicle file and warn of a swerve."""
     from omni_tools.load_estimate.estimate import center_of, load_of
 
+    if options.empty and options.empty.resolve() in [one.resolve() for one in options.recordings]:
+        raise ConfigurationError(
+            "--empty", "is the drive with the load, too; give a drive of the empty vehicle"
+        )
     vehicle = workspace.experiment_library().vehicle(options.vehicle)
     found = _estimate(options, workspace, vehicle)
     mass, error = center_of(found.moments, found.covariance)
