@@ -59,7 +59,7 @@ def displace_contacts(plant: Plant, wheels: Structured, contacts: Structured) ->
         angle = wheels[i].angle + 0.5 * plant.dt * wheels[i].speed
         nearest = nearest_roller(angle, plant.roller_pitch)
         gamma = angle - plant.roller_pitch * nearest
-        n_x, n_y, x, y, rim, _, _ = roller_contact(gamma, plant.rollers[i])
+        n_x, n_y, x, y, rim, _, _ = roller_contact(gamma, plant.rollers[i, int(nearest) % 2])
         contact = contacts[i]
         contact.r_x, contact.r_y = plant.contact[i].r_x + x, plant.contact[i].r_y + y
         contact.n_x, contact.n_y = n_x, n_y
@@ -103,7 +103,7 @@ def step_roller_wheel(
     if shared:
         other = _Touch(i, second, angle - pitch * beside, (1.0 - share) * load, load, omega)
         prescribed = Spin(wheel.speed, _PRESCRIBED, 0.0)
-        _step_contact(plant, rollers, step, other, prescribed, Drive(0.0, 0.0, 0.0))
+        _step_contact(plant, rollers, step, other, prescribed, Drive(0.0, 0.0, 0.0, 0.0))
         limit += rollers.state[i, second].limit
     contact, roller = plant.contact[i], rollers.state[i, first]
     wheel.deflection, wheel.sliding, wheel.slip = roller.e_a, roller.sliding, roller.slip
@@ -143,8 +143,9 @@ def _step_contact(
         spin: spin of the wheel, to which the torque of the other roller has been applied.
         drive: drive of the wheel.
     """
-    i = touch.wheel
-    roller, push, axis = rollers.state[i, touch.roller], rollers.push[i], plant.rollers[i]
+    i, parity = touch.wheel, touch.roller % 2
+    roller, push, axis = rollers.state[i, touch.roller], rollers.push[i], plant.rollers[i, parity]
+    inertia = rollers.inertia[parity]
     radius = plant.radius[i] - touch.wheel_load / plant.vertical_stiffness  # r_D of Eq. (1)
     # Largest change of the contact's velocity per force, if all forces act together.
     mobility = plant.dt * plant.mobility[i]
@@ -172,13 +173,14 @@ def _step_contact(
         hub_x * n_x + hub_y * n_y - mobility * roller.f_a,
         hub_x * p_x + hub_y * p_y - mobility * roller.f_p,
     )
-    turned = _slowed(rollers, roller, touch.load, plant.dt, spin_lever)
+    # Change of the roller's spin in the step per force.
+    turned = _slowed(rollers, roller, touch.load, spin_lever, plant.dt * spin_lever / inertia)
     deflection, direction = (roller.e_a, roller.e_p), (roller.q_a, roller.q_p)
     after = roller_step(
         TireConstants(rollers.stiffness, rollers.damping, plant.dt),
         (curve_at(plant.tire, clamped, friction), curve_at(rollers.tire_y, clamped, friction)),
         RollerPatch(deflection, speed + plant.slip_speed, roller.sliding, direction),
-        RollerHub(lever, velocity, mobility, turned, rollers.inertia, spin_lever),
+        RollerHub(lever, velocity, mobility, turned, inertia, spin_lever),
         spin,
         drive,
     )
@@ -192,18 +194,17 @@ def _step_contact(
 
 
 @lean_inline
-def _slowed(rollers: Rollers, roller: Record, load: float, dt: float, spin_lever: float) -> float:
+def _slowed(rollers: Rollers, roller: Record, load: float, spin_lever: float, turn: float) -> float:
     """Return a roller's spin after a step of dry friction, which can bring it to rest [rad/s].
 
     Args:
         rollers: constants of the friction.
         roller: state of the roller.
         load: load of the roller [N].
-        dt: length of the step [s].
         spin_lever: ratio of the speed of the roller's surface to its spin [m].
+        turn: change of the spin in the step per force [rad/s per N].
     """
     spin: float = roller.spin
-    turn = dt * spin_lever / rollers.inertia  # change of spin in a step per force [rad/s/N]
     free: float = spin - turn * roller.f_p
     surface = spin_lever * spin
     share = rollers.constant + rollers.growing * load + rollers.quadratic * surface * surface
@@ -230,6 +231,6 @@ def roller_energies(rollers: Rollers) -> Pair:
     for i in range(rollers.state.shape[0]):
         for k in range(rollers.state.shape[1]):
             roller = rollers.state[i, k]
-            spin += 0.5 * rollers.inertia * roller.spin**2
+            spin += 0.5 * rollers.inertia[k % 2] * roller.spin**2
             elastic += 0.5 * rollers.stiffness * (roller.e_a**2 + roller.e_p**2)
     return spin, elastic

@@ -16,7 +16,10 @@ from omni_core.quantities import GRAVITY
 from omni_runs.experiment import ExperimentLibrary
 from omni_runs.loop import run_closed_loop
 from omni_runs.metrics import run_metrics
+from omni_sim.vehicle.configuration import VehicleConfiguration
 from omni_sim.vehicle.mujoco_vehicle import MujocoVehicle, load_mujoco
+from omni_sim.vehicle.vehicle import Vehicle
+from omni_studies.wheels.kinds import on_wheels
 from omni_tools.vehicles.estimates import Measured, write_vehicle
 
 LIBRARY = ExperimentLibrary(Path(__file__).resolve().parents[4] / "config")
@@ -63,6 +66,38 @@ def test_mujoco_swerves_and_stops_as_our_vehicle_does(variant: str, swerve: floa
         ours = stop(variant, engine)
         assert ours["orientation_change"] == pytest.approx(other["orientation_change"], abs=swerve)
         assert ours["stopping_distance"] == pytest.approx(other["stopping_distance"], rel=0.07)
+
+
+@needs_mujoco
+def test_two_rows_of_rollers_of_two_sizes_stop_in_mujoco_as_in_our_simulation() -> None:
+    rows = ("vehicle.rollers.rows_apart=0.04", "vehicle.rollers.small_radius=0.04")
+    ours, other = (
+        stop("unassisted", engine, "straight_line", *rows) for engine in ("rollers", "mujoco")
+    )
+    assert ours["orientation_change"] == pytest.approx(other["orientation_change"], abs=5.0)
+    assert ours["stopping_distance"] == pytest.approx(other["stopping_distance"], rel=0.07)
+
+
+@needs_mujoco
+def test_conventional_wheels_move_in_mujoco_as_in_our_simulation() -> None:
+    """A stop from 10 m/s, and a cart that is put down obliquely to its wheels."""
+    vehicle = on_wheels(LIBRARY.vehicle("mecanum_forklift"), "conventional")
+    ours, other = Vehicle(vehicle, twist=(10.0, 0.0, 0.0)), mujoco(vehicle, (10.0, 0.0, 0.0))
+    for machine in (ours, other):
+        machine.advance(4000, 1.0, np.ones(4), np.zeros(3), traced=False)
+    np.testing.assert_allclose(other.pose[:2], ours.pose[:2], rtol=0.05, atol=0.1)
+    assert other.pose[2] == pytest.approx(ours.pose[2], abs=np.radians(3.0))
+    even = dataclasses.replace(vehicle, load=dataclasses.replace(vehicle.load, x=0.0, y=0.0))
+    ours, other = Vehicle(even, twist=(3.0, 1.0, 0.0)), mujoco(even, (3.0, 1.0, 0.0))
+    for machine in (ours, other):
+        machine.advance(1000, 0.1, np.zeros(4), np.zeros(3), traced=False)
+        assert abs(machine.twist[1]) < 0.05  # the wheels grip sideways, and roll ahead
+    np.testing.assert_allclose(other.twist, ours.twist, atol=0.1)
+
+
+def mujoco(vehicle: VehicleConfiguration, twist: tuple[float, ...]) -> MujocoVehicle:
+    """Return a vehicle in MuJoCo."""
+    return MujocoVehicle(dataclasses.replace(vehicle, wheel_model="mujoco"), twist=twist)
 
 
 @needs_mujoco
