@@ -2,14 +2,14 @@
 
 import dataclasses
 import math
-from collections.abc import Mapping
 
 import numpy as np
 
 from omni_core.geometry import PlatformGeometry, cross
 from omni_core.quantities import GRAVITY, FloatArray
 from omni_runs.metrics import Metric
-from omni_sim.vehicle.configuration import DriveConfiguration, VehicleConfiguration
+from omni_sim.vehicle.configuration import VehicleConfiguration
+from omni_sim.vehicle.placing import rolling_radius
 from omni_sim.vehicle.vehicle import Vehicle
 from omni_studies.wheels.kinds import stopped
 from omni_studies.wheels.trials import ROLLERS, with_wheels
@@ -35,7 +35,7 @@ def metrics(mecanum: VehicleConfiguration, omni: VehicleConfiguration) -> dict[s
     lever = row_levers(_with_rollers(omni, rows_apart=_APART))
     return found | {
         "row_lever.largest": Metric(1e3 * float(np.max(np.abs(lever))), "mm"),
-        "row_lever.mean": Metric(1e3 * float(np.mean(lever)), "mm"),
+        "row_lever.mean": Metric(1e3 * abs(float(np.mean(lever))), "mm"),
     }
 
 
@@ -69,7 +69,8 @@ def _stops(vehicle: VehicleConfiguration) -> dict[str, Metric]:
         "two_rows": {"rows_apart": _APART},
         "two_sizes": {"small_radius": _SMALL},
     }.items():
-        path = stopped(_with_rollers(vehicle, **changes)).path
+        # The wheels begin on their odd rollers, and lock after a fraction of a turn.
+        path = stopped(_with_rollers(vehicle, **changes), wheel_angle=math.tau / _ROLLERS).path
         moved = path[-1] - path[0]
         found[f"rows_rotation.{case}"] = Metric(abs(math.degrees(moved[2])), "deg")
         found[f"rows_distance.{case}"] = Metric(float(np.hypot(*moved[:2])), "m")
@@ -77,33 +78,36 @@ def _stops(vehicle: VehicleConfiguration) -> dict[str, Metric]:
 
 
 def _motor(vehicle: VehicleConfiguration) -> dict[str, Metric]:
-    """Return how an empty vehicle accelerates with a motor, next to the closed form.
+    """Return how the speed at the largest voltage and the torque of a current loop follow theory.
 
-    With ``J = m r^2 / N + I`` per wheel, the speed follows ``J w' = T``, ``T_0 (1 - w / w_0)``.
+    Each wheel of the empty vehicle accelerates its share of the mass, ``J = m r^2 / N + I``. The
+    back EMF gives ``J w' = T_0 (1 - w / w_0)``, and the current loop ``lag T' = T_0 - T``.
     """
-    wheels = len(vehicle.wheels)
-    cases: Mapping[str, DriveConfiguration] = {
-        "voltage": dataclasses.replace(vehicle.drive, stall_torque=_STALL, no_load_speed=_IDLING),
-        "current": dataclasses.replace(
-            vehicle.drive, max_torque=_STALL, current_time=_CURRENT_TIME
-        ),
-    }
-    speed, torque = {}, {}
-    for case, drive in cases.items():
-        machine = Vehicle(dataclasses.replace(vehicle, drive=drive))
-        rows = []
-        for _ in range(round(_LONG / machine.physics_step) if case == "voltage" else 600):
-            machine.advance(1, 0.0, np.ones(wheels), np.array([10.0, 0.0, 0.0]), traced=False)
-            rows.append((machine.wheels["speed"][0], machine.wheels["motor"][0]))
-        speed[case], torque[case] = np.array(rows).T
-    time = machine.physics_step * np.arange(1, len(torque["current"]) + 1)
-    lag = np.max(np.abs(torque["current"] / _STALL + np.expm1(-time / _CURRENT_TIME)))
-    line = _STALL * (1.0 - speed["voltage"] / _IDLING)
+    empty = dataclasses.replace(vehicle, load=dataclasses.replace(vehicle.load, mass=0.0))
+    voltage = dataclasses.replace(vehicle.drive, stall_torque=_STALL, no_load_speed=_IDLING)
+    current = dataclasses.replace(vehicle.drive, max_torque=_STALL, current_time=_CURRENT_TIME)
+    speed, _ = _driven(dataclasses.replace(empty, drive=voltage), _LONG)
+    _, torque = _driven(dataclasses.replace(empty, drive=current), 5.0 * _CURRENT_TIME)
+    machine = Vehicle(empty)
+    radius = float(np.mean(rolling_radius(machine.state)))
+    inertia = empty.masses.mass * radius**2 / len(empty.wheels) + empty.wheel_inertia
+    time = machine.physics_step * np.arange(1, len(speed) + 1)
+    expected = -_IDLING * np.expm1(-time * _STALL / (inertia * _IDLING))
+    followed = -_STALL * np.expm1(-time[: len(torque)] / _CURRENT_TIME)
     return {
-        "motor_stall_torque.all": Metric(float(torque["voltage"][0]), "N m"),
-        "motor_idling_speed.all": Metric(float(speed["voltage"][-1]), "rad/s"),
-        "motor_torque_error.back_emf": Metric(
-            float(np.max(np.abs(torque["voltage"] - line))) / _STALL, "1"
-        ),
-        "motor_torque_error.current_loop": Metric(float(lag), "1"),
+        f"motor_error.{case}": Metric(float(np.max(np.abs(error))), "1")
+        for case, error in {
+            "back_emf": (speed - expected) / _IDLING,
+            "current_loop": (torque - followed) / _STALL,
+        }.items()
     }
+
+
+def _driven(vehicle: VehicleConfiguration, duration: float) -> tuple[FloatArray, FloatArray]:
+    """Return the mean speed [rad/s] and torque [N m] of the wheels when driven ahead from rest."""
+    machine, rows = Vehicle(vehicle), []
+    for _ in range(round(duration / machine.physics_step)):
+        machine.advance(1, 0.0, np.ones(len(vehicle.wheels)), np.array([10.0, 0.0, 0.0]))
+        rows.append((np.mean(machine.wheels["speed"]), np.mean(machine.wheels["motor"])))
+    speed, torque = np.array(rows).T
+    return speed, torque
