@@ -151,8 +151,7 @@ def _step_contact(
     mobility = plant.dt * plant.mobility[i]
     n_x, n_y, r_x, r_y, rim_active, length, depth = roller_contact(touch.gamma, axis)
     p_x, p_y = n_y, -n_x
-    r_x += plant.contact[i].r_x
-    r_y += plant.contact[i].r_y
+    r_x, r_y = r_x + plant.contact[i].r_x, r_y + plant.contact[i].r_y
     x, y = step.place
     cos, sin = step.heading
     friction = friction_at(
@@ -173,7 +172,6 @@ def _step_contact(
         hub_x * n_x + hub_y * n_y - mobility * roller.f_a,
         hub_x * p_x + hub_y * p_y - mobility * roller.f_p,
     )
-    # Change of the roller's spin in the step per force.
     turned = _slowed(rollers, roller, touch.load, spin_lever, plant.dt * spin_lever / inertia)
     deflection, direction = (roller.e_a, roller.e_p), (roller.q_a, roller.q_p)
     after = roller_step(
