@@ -27,7 +27,12 @@ from omni_core.kernels import lean, lean_inline, linked
 from omni_core.quantities import GRAVITY, FloatArray, Pair, Triple
 from omni_sim.vehicle import state as layout
 from omni_sim.vehicle.loads import wheel_loads
-from omni_sim.vehicle.roller_dynamics import displace_contacts, roller_energies, step_roller_wheel
+from omni_sim.vehicle.roller_dynamics import (
+    contact_shift,
+    displace_contacts,
+    roller_energies,
+    step_roller_wheel,
+)
 from omni_sim.vehicle.state import Energies, Step
 from omni_sim.vehicle.suspension import sprung_loads
 from omni_sim.vehicle.uneven_ground import frame_turn, level, stand
@@ -169,13 +174,15 @@ def _carry(
         pull: force [N] and moment of the wheels in the body frame.
         height: height of the center of gravity [m].
     """
-    plant = state.plant
+    plant, shift = state.plant, contact_shift(state, state.rollers)
     weight = plant.mass * max(pressing, 0.0)
     if state.suspension.stiffness > 0.0:
-        tilting = (height * pull[0], height * pull[1])
+        tilting = (height * pull[0] + shift[0], height * pull[1] + shift[1])
         return sprung_loads(plant, state.suspension, state.wheels, weight, tilting, state.loads)
     reach = -height / max(pressing, _LEAST_PRESSING)
     z_x, z_y = reach * body.a_x, reach * body.a_y
+    if weight > 0.0:
+        z_x, z_y = z_x - shift[0] / weight, z_y - shift[1] / weight
     return wheel_loads(plant.position, plant.plane, plant.hull, weight, z_x, z_y, state.loads)
 
 

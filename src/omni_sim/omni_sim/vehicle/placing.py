@@ -66,6 +66,7 @@ def place(
     if plant.roller_pitch > 0.0:
         wheels["speed"] = _rolling_speed(state, v, twist[2])
     wheels["last_speed"] = wheels["command"] = wheels["speed"]
+    state.loads[:] = wheels["load"]
     if treads is not None:
         treads.push[:] = 0.0
         treads.state[:] = np.zeros((), ROLLER)

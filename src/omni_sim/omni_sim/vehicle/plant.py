@@ -124,7 +124,7 @@ def build_rollers(configuration: VehicleConfiguration) -> state.Rollers | None:
         growing=configuration.passive_losses.growing_share,
         quadratic=configuration.passive_losses.speed_growth,
         state=np.zeros((n, rollers.count), state.ROLLER),
-        push=np.zeros((n, 3)),
+        push=np.zeros((n, 5)),
     )
 
 

@@ -1,10 +1,10 @@
 """Wheels with individual rollers in the dynamics kernel: rollers on the ground and their forces.
 
 Wheels and contacts are modeled in `wheel.roller`. Forces act at the displaced contact points, Eqs.
-(10), (11), so their levers about the center of gravity vary with the wheel angles. The loads are
-computed as if the contacts were under the wheel centers. While two rollers of a wheel touch the
-ground, the equations of the wheel and the lower roller are solved together. For the other roller,
-they contain its force in the last step.
+(10), (11), so their levers about the center of gravity vary with the wheel angles. The loads act
+there, too: `dynamics` computes them with the displacements of the last step. While two rollers of a
+wheel touch the ground, the equations of the wheel and the lower roller are solved together. For the
+other roller, they contain its force in the last step.
 """
 
 import math
@@ -14,7 +14,7 @@ from omni_core.kernels import lean, lean_inline
 from omni_core.quantities import Pair
 from omni_sim.ground.friction import friction_at
 from omni_sim.tire.interface.model import curve_at
-from omni_sim.vehicle.state import Plant, Record, Rollers, Step, Structured
+from omni_sim.vehicle.state import Plant, Record, Rollers, State, Step, Structured
 from omni_sim.wheel.drivetrain import Drive, Spin
 from omni_sim.wheel.roller import RollerHub, RollerPatch, RollerStep, load_share, roller_step
 from omni_sim.wheel.roller_geometry import nearest_roller, roller_contact
@@ -68,6 +68,26 @@ def displace_contacts(plant: Plant, wheels: Structured, contacts: Structured) ->
 
 
 @lean
+def contact_shift(state: State, rollers: Rollers | None) -> Pair:
+    """Return the sum of wheel load times displacement of the contact in the last step [N m].
+
+    The displacement is that of the rollers on the ground from the point under the wheel's center.
+    The wheel loads act at the displaced contacts, so they move by its mean in the other direction.
+    """
+    x, y = 0.0, 0.0
+    if state.plant.roller_pitch > 0.0:
+        for i in range(state.wheels.shape[0]):
+            if rollers is None:
+                contact, nominal = state.contacts[i], state.plant.contact[i]
+                x += state.loads[i] * (contact.r_x - nominal.r_x)
+                y += state.loads[i] * (contact.r_y - nominal.r_y)
+            else:
+                x += rollers.push[i, 3]
+                y += rollers.push[i, 4]
+    return x, y
+
+
+@lean
 def step_roller_wheel(
     plant: Plant, rollers: Rollers, wheel: Record, step: Step, i: int, brake: float, drive: Drive
 ) -> None:
@@ -93,7 +113,7 @@ def step_roller_wheel(
     first, second = int(nearest % count), int(beside % count)
     shared = share < 1.0
     _lift(rollers.state[i], first, second if shared else first)
-    for j in range(3):
+    for j in range(5):
         rollers.push[i, j] = 0.0
     held = rollers.state[i, second].torque if shared else 0.0  # of the previous step
     spin = Spin(omega + plant.dt * held / plant.wheel_inertia, plant.wheel_inertia, brake)
@@ -150,10 +170,10 @@ def _step_contact(
     # Largest change of the contact's velocity per force, if all forces act together.
     mobility = plant.dt * plant.mobility[i]
     n_x, n_y, r_x, r_y, rim_active, length, depth = roller_contact(touch.gamma, axis)
+    push[3], push[4] = push[3] + touch.load * r_x, push[4] + touch.load * r_y
     p_x, p_y = n_y, -n_x
     r_x, r_y = r_x + plant.contact[i].r_x, r_y + plant.contact[i].r_y
-    x, y = step.place
-    cos, sin = step.heading
+    (x, y), (cos, sin) = step.place, step.heading
     friction = friction_at(
         plant.friction, plant.patches, x + cos * r_x - sin * r_y, y + sin * r_x + cos * r_y
     )

@@ -213,7 +213,7 @@ class Rollers(NamedTuple):
         quadratic: increase of the ratio per squared speed of the roller's surface [s^2/m^2].
         state: state of the n rollers of each wheel, `ROLLER`, shape (N, n).
         push: force [N] and moment about the center of gravity [N m] of each wheel in the last step,
-            body frame, shape (N, 3).
+            and the sums of load times displacement of its contacts [N m], body frame, shape (N, 5).
     """
 
     tire_y: Any

@@ -54,7 +54,7 @@ def test_the_force_of_a_wheel_alternates_between_the_rows(robot: VehicleConfigur
     while abs(vehicle.wheels["angle"][0] - start) < 2.0 * np.pi:
         vehicle.advance(1, 0.0, np.ones(3), command, traced=False)
         assert vehicle.state.rollers is not None
-        *force, moment = vehicle.state.rollers.push[0]
+        *force, moment = vehicle.state.rollers.push[0, :3]
         levers.append(float((moment - cross(arm, np.array(force))) / (rolling @ force)))
     lever = np.array(levers)
     assert np.max(np.abs(lever)) == pytest.approx(0.5 * APART, rel=0.02)

@@ -55,7 +55,7 @@ def row_levers(vehicle: VehicleConfiguration) -> FloatArray:
     while abs(machine.wheels["angle"][0] - start) < math.tau:
         machine.advance(1, 0.0, all_on, command, traced=False)
         rollers = machine.state.rollers
-        x, y, moment = rollers.push[0] if rollers is not None else (math.nan,) * 3
+        x, y, moment = rollers.push[0, :3] if rollers is not None else (math.nan,) * 3
         force = np.array([x, y])
         levers.append((moment - cross(arm, force)) / (geometry.rolling[0] @ force))
     return np.array(levers, np.float64)
