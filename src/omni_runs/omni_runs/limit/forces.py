@@ -73,6 +73,7 @@ class Case(NamedTuple):
         standing: whether a locked wheel may exert a force although the vehicle does not move along
             the wheel's active direction.
         heading: whether the forces together must have no yaw moment.
+        pushes: whether a wheel may drive the vehicle although the stop is straight.
     """
 
     friction: FloatArray
@@ -81,6 +82,7 @@ class Case(NamedTuple):
     lag: float = 0.0
     standing: bool = True
     heading: bool = False
+    pushes: bool = False
 
 
 class LimitVehicle:
@@ -326,7 +328,7 @@ class LimitVehicle:
         """
         cap = np.minimum(case.friction * self.strongest_peak, case.torque / self.rim_lever)
         low, high = -cap, cap.copy()
-        if case.straight:
+        if case.straight and not case.pushes:
             dragged = np.abs(along) > _STANDING
             high[(along > 0.0) & dragged] = 0.0
             low[(along < 0.0) & dragged] = 0.0

@@ -3,6 +3,7 @@
 import functools
 import math
 from collections.abc import Mapping
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -29,15 +30,72 @@ from omni_sim.vehicle.masses import (
 from omni_sim.wheel.roller_geometry import RollerConfiguration, RollerGeometry, roller_geometries
 
 
+class Motor(NamedTuple):
+    """Limits and lag of the motor of each drive, with all quantities at the wheel.
+
+    Attributes:
+        limit: limit on the torque [N m].
+        slope: torque at the largest voltage per difference from the speed of idling,
+            ``tau_0 / omega_0`` [N m s/rad]; infinite if the voltage is not limited.
+        idling: speed at the largest voltage without torque, ``omega_0`` [rad/s]; infinite if the
+            voltage is not limited.
+        response: share of a change of the torque that the current loop completes in a step [1].
+    """
+
+    limit: float
+    slope: float
+    idling: float
+    response: float
+
+
 class DriveConfiguration(Configuration):
-    """Motor drive of each wheel: an ideal speed source behind a clutch (Appendix A)."""
+    """Motor drive of each wheel: a speed source behind a clutch (Appendix A).
+
+    By default, the source is ideal within the torque of the clutch. All quantities are those at the
+    wheel, after the gear.
+    """
 
     clutch_threshold: float = parameter(0.05, above=0.0, maximum=1.0)
     """Pedal position at which the clutch opens"""
     stiffness: float = parameter(5000.0, unit="N m s/rad", minimum=0.0, maximum=1.0e6)
     """Torque of the engaged clutch divided by its speed difference"""
     max_torque: float = parameter(1500.0, unit="N m", minimum=0.0, maximum=1.0e6)
-    """Limit on the torque of the engaged clutch"""
+    """Limit on the torque of the engaged clutch, or of the motor's current"""
+    max_power: float = parameter(0.0, unit="W", minimum=0.0, maximum=1.0e9)
+    """Limit on the mechanical power (0: no limit)"""
+    stall_torque: float = parameter(0.0, unit="N m", minimum=0.0, maximum=1.0e7)
+    """Torque at rest at the largest voltage, without the limit `max_torque`; the back EMF reduces
+    it in proportion to the speed (0: no limit by the voltage)"""
+    no_load_speed: float = parameter(0.0, unit="rad/s", minimum=0.0, maximum=1.0e4)
+    """Speed at the largest voltage without torque; belongs to `stall_torque`"""
+    current_time: float = parameter(0.0, unit="s", minimum=0.0, maximum=1.0)
+    """Time constant of the current loop, with which the torque follows the speed controller"""
+
+    def check_consistency(self) -> None:
+        """Check that the limit by the voltage has both of its values.
+
+        Raises:
+            ConfigurationError: only one of stall torque and no-load speed is given.
+        """
+        if (self.stall_torque > 0.0) != (self.no_load_speed > 0.0):
+            raise ConfigurationError(
+                "no_load_speed", "belongs to stall_torque: give both, or neither"
+            )
+
+    @property
+    def is_ideal(self) -> bool:
+        """Whether the drive has neither lag nor limits except that of the torque."""
+        return max(self.max_power, self.stall_torque, self.current_time) == 0.0
+
+    def motor(self, physics_step: float) -> Motor:
+        """Return the motor for the kernel; `physics_step` is the length of a step [s]."""
+        lag = self.current_time
+        return Motor(
+            limit=self.max_torque,
+            slope=self.stall_torque / self.no_load_speed if self.no_load_speed else math.inf,
+            idling=self.no_load_speed or math.inf,
+            response=-math.expm1(-physics_step / lag) if lag > 0.0 else 1.0,
+        )
 
 
 class WheelCondition(Configuration):
@@ -216,13 +274,14 @@ class VehicleConfiguration(Configuration):
 
     @property
     def roller_geometries(self) -> tuple[RollerGeometry, ...]:
-        """Geometry of the rollers of each wheel.
+        """Geometry of the rollers of each omni-wheel.
 
         Raises:
             ConfigurationError: the rollers do not fit on a wheel.
         """
         squeeze = self.tire.largest_load / self.tire.vertical_stiffness
-        return roller_geometries(self.wheels, self.rollers, squeeze)
+        wheels = {name: mount for name, mount in self.wheels.items() if mount.kind == "omni"}
+        return roller_geometries(wheels, self.rollers, squeeze)
 
     def check_consistency(self) -> None:
         """Check that the platform can move, and does not tip over at rest.
@@ -251,6 +310,8 @@ class VehicleConfiguration(Configuration):
             "passive_losses": self.passive_losses.active,
             "brake.kind": self.brake.is_ramped,
             "fork": bool(self.fork.time),
+            "drive": not self.drive.is_ideal,
+            "wheels.steering_limit_deg": self.is_steered,
         }
         for place in (place for place, used in lacking.items() if used):
             if self.wheel_model == "mujoco":
@@ -291,7 +352,7 @@ class VehicleConfiguration(Configuration):
         if not self.has_conventional_wheels:
             return
         for place, used in (
-            ("wheel_model", self.wheel_model != "single"),
+            ("wheel_model", self.wheel_model == "rollers"),
             ("contact", self.contact != "ideal"),
             ("passive_losses", self.passive_losses.active),
         ):

@@ -51,7 +51,8 @@ def build_plant(
         plane=load_plane(lever),
         hull=support_polygon(lever),
         wheel_inertia=configuration.wheel_inertia,
-        drive_limit=configuration.drive.max_torque,
+        motor=configuration.drive.motor(physics_step),
+        drive_power=configuration.drive.max_power or math.inf,
         drive_stiffness=configuration.drive.stiffness,
         ramp=ramp / geometry.radius,
         tire=kernel_parameters(tire),
@@ -65,7 +66,7 @@ def build_plant(
         grip=configuration.by_wheel("friction"),
         brake_share=configuration.by_wheel("brake"),
         brake_power=brake.max_power or math.inf,
-        rollers=np.array([roller.constants for roller in rollers], AXIS),
+        rollers=np.array([roller.constants for roller in rollers], AXIS).reshape(-1, 2),
         roller_pitch=2.0 * rollers[0].half_pitch if rollers else 0.0,
     )
     radius = geometry.radius - static_loads(plant) / tire.vertical_stiffness
@@ -117,7 +118,7 @@ def build_rollers(configuration: VehicleConfiguration) -> state.Rollers | None:
     rollers, n = configuration.rollers, len(configuration.wheels)
     return state.Rollers(
         tire_y=passive_parameters(configuration.tire),
-        inertia=rollers.inertia,
+        inertia=rollers.inertias,
         stiffness=rollers.stiffness,
         damping=rollers.damping,
         overlap=rollers.overlap,
@@ -125,7 +126,7 @@ def build_rollers(configuration: VehicleConfiguration) -> state.Rollers | None:
         growing=configuration.passive_losses.growing_share,
         quadratic=configuration.passive_losses.speed_growth,
         state=np.zeros((n, rollers.count), state.ROLLER),
-        push=np.zeros((n, 3)),
+        push=np.zeros((n, 5)),
     )
 
 

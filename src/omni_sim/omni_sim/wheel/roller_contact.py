@@ -40,6 +40,6 @@ def roller_contact(gamma: float, roller: Any) -> tuple[float, ...]:
     length = math.sqrt(b_u * b_u + b_n * b_n)  # Eq. (9) without b_z
     b_u, b_n = b_u / length, b_n / length
     # The wheel axis is k x u = (-u_y, u_x).
-    along = roller.distance * math.tan(gamma) * roller.sin / roller.cos  # Eq. (10)
+    along = roller.distance * math.tan(gamma) * roller.sin / roller.cos + roller.shift  # Eq. (10)
     n_x, n_y = b_n * u_y - b_u * u_x, -b_u * u_y - b_n * u_x
     return n_x, n_y, -along * u_y, along * u_x, -b_u, length, roller.distance / cosine

@@ -42,7 +42,7 @@ def steady(
             patch,
             RollerHub((0.2, 0.0), velocity, 0.0, 0.0, HELD, 0.04),
             Spin(0.0, HELD, 0.0),
-            Drive(0.0, 0.0, 0.0),
+            Drive(0.0, 0.0, 0.0, 0.0),
         )
         patch = RollerPatch(after.deflection, speed, after.sliding, after.direction)
     force: tuple[float, float] = after.force

@@ -13,8 +13,7 @@ import numpy as np
 
 from omni_core.quantities import FloatArray
 from omni_core.sensors import LineSensor
-from omni_sim.camera.camera import CameraConfiguration
-from omni_sim.camera.configuration import ORDINARY, CameraFault
+from omni_sim.camera.configuration import ORDINARY, CameraConfiguration, CameraFault
 
 SENSORS: Mapping[str, LineSensor] = {
     "left": LineSensor(x=0.0, y=0.5, heading_deg=0.0),

@@ -9,7 +9,7 @@ Here, the velocity error is computed as the displacement error *times* the rate.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -177,7 +177,7 @@ def measure(
     pairs: int,
     noise: float,
     seed: int,
-    metric: str = "pearson",
+    metric: str | Callable[[int], search.ShiftSearch] = "pearson",
     runs: int = 1,
 ) -> list[Matches]:
     """Render consecutive lines for each motion; return their true and measured displacements.
@@ -189,7 +189,7 @@ def measure(
         pairs: number of consecutive line pairs from each start position.
         noise: standard deviation [gray levels].
         seed: seed of positions and noise.
-        metric: similarity metric of the search.
+        metric: similarity metric of the search, or constructor of a search as in `search.METRICS`.
         runs: number of random start positions for each motion.
     """
     generator = np.random.default_rng(seed)
@@ -229,7 +229,12 @@ def path(
     return poses_at(np.arange(lines) / view.line_rate, start, twist)
 
 
-def match(view: View, poses: FloatArray, lines: Lines, metric: str = "pearson") -> Matches:
+def match(
+    view: View,
+    poses: FloatArray,
+    lines: Lines,
+    metric: str | Callable[[int], search.ShiftSearch] = "pearson",
+) -> Matches:
     """Return the true and the measured displacement of each line from the previous line.
 
     The search covers displacements of up to half the length of a line.
@@ -239,12 +244,13 @@ def match(view: View, poses: FloatArray, lines: Lines, metric: str = "pearson") 
         poses: x, y [m] and yaw [rad] of the camera at each line, with constant yaw, shape (m + 1,
             3).
         lines: gray values of the lines, shape (m + 1, pixels).
-        metric: similarity metric of the search.
+        metric: as for `measure`.
     """
     pairs = len(lines) - 1
     shift = np.empty(pairs, np.int64)
     similarity = np.empty(pairs)
-    search.METRICS[metric](view.pixels // 2).match(lines, shift, similarity)
+    construct = search.METRICS[metric] if isinstance(metric, str) else metric
+    construct(view.pixels // 2).match(lines, shift, similarity)
     displacement, errors = subpixel.SubpixelRefiner(view.pixels).refine(lines, shift)
     axis = poses[0, 2]
     along = math.cos(axis) * np.diff(poses[:, 0]) + math.sin(axis) * np.diff(poses[:, 1])

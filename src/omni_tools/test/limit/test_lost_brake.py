@@ -279,6 +279,7 @@ def test_the_command_reports_the_bounds_with_and_without_the_loss() -> None:
         ({"lost_brake": ("front_lef",)}, "^--lost-brake: .*did you mean 'front_left'"),
         ({"since": 0.5}, "^--from: can only be used with --lost-brake"),
         ({"lost_brake": ("front_left",), "since": 0.5, "best": True}, "^--from: .*--best"),
+        ({"vehicle": "swerve_robot"}, r"^wheels.rear_left.kind: is conventional, but limit "),
     ],
 )
 def test_wrong_options_are_refused_with_a_sentence(options: dict[str, Any], words: str) -> None:
