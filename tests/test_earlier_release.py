@@ -101,7 +101,7 @@ def test_the_command_line_accepts(line: str, capsys: pytest.CaptureFixture[str])
 
 @pytest.mark.parametrize("change", sorted({
     word for line in COMMANDS for word in shlex.split(line)
-    if re.fullmatch(r"\w+([.]\w+)*=.*", word) and not re.search(r"[.]yaml|csv|tables|,\d", word)
+    if re.fullmatch(r"\w+([.]\w+)+=.*", word) and not re.search(r"[.]yaml|csv|tables|,\d", word)
     and line.startswith(("run", "study"))
 }))  # fmt: skip
 def test_an_experiment_takes_the_changes_of_the_pages(change: str) -> None:
