@@ -27,6 +27,7 @@ GENERATED = {"dissertation.md", "options.md", "parameters.md"}
 # or by the folder of its feature.
 SETTINGS = {
     "allocation.md": "0.15 s, 0.3 deg",
+    "drive": "0.3 s",
     "extending.md": "0.1 s",
     "glossary.md": "0.05 m/s",
     "identification": "0.01 s, 0.05 rad/s, 0.2 m, 0.3 m/s, 0.5 kg",
