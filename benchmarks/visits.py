@@ -12,7 +12,6 @@ one process; the walk ``run`` is that of ``./omni run`` in the process that star
 import argparse
 import contextlib
 import importlib
-import io
 import os
 import sys
 import tempfile
@@ -64,6 +63,7 @@ def step(tree: Path) -> Callable[[], object]:
     numba.config.DISABLE_JIT = 1  # compiled calls leave no trace
     package = "omni_runs" if (tree / "src/omni_runs").is_dir() else "omni_loop"
     loop, experiment = (importlib.import_module(f"{package}.{n}") for n in ("loop", "experiment"))
+    numba.config.DISABLE_JIT = 0  # rendering may have to be compiled
     read_as_attributes()
     library = experiment.ExperimentLibrary(tree / "config")
     configuration = library.load("small_stop", "assisted", _SHORT)
@@ -73,7 +73,7 @@ def step(tree: Path) -> Callable[[], object]:
 def run(folder: str) -> None:
     """Run the command ``run``, without its output."""
     cli = importlib.import_module("omni_bringup.cli")
-    with contextlib.redirect_stdout(io.StringIO()), contextlib.suppress(SystemExit):
+    with contextlib.redirect_stdout(sys.stderr), contextlib.suppress(SystemExit):
         cli.main([*_RUN, "--out", folder])
 
 
