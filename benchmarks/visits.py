@@ -77,7 +77,7 @@ def run(folder: str) -> None:
         cli.main([*_RUN, "--out", folder])
 
 
-class Record(np.void):
+class Record(np.void):  # type: ignore[misc]  # NumPy permits it, its stubs do not
     """Record whose fields Python reads and writes as attributes, as compiled code does."""
 
     def __getattribute__(self, name: str) -> Any:
@@ -114,7 +114,10 @@ def main() -> None:
     sys.path[:0] = [str(path.parent) for path in tree.glob("src/*/package.xml")]
     print(f"{'walk':8}{'files':>8}{'visits':>8}{'repeated':>10}")
     with tempfile.TemporaryDirectory() as scratch:
-        walks = {"step": step(tree), "run": lambda: run(f"{scratch}/run")}
+        walks: dict[str, Callable[[], object]] = {
+            "step": step(tree),
+            "run": lambda: run(f"{scratch}/run"),
+        }
         for name, action in walks.items():
             walk = Walk(tree)
             with walk.traced():
