@@ -30,7 +30,7 @@ def sources() -> Iterator[tuple[str, Path]]:
         place = WORKSPACE / part
         for path in sorted(place.rglob("*.py")) if place.is_dir() else [place]:
             parts = path.relative_to(WORKSPACE).parts
-            if "test" not in parts:
+            if "test" not in parts and not path.is_symlink():
                 yield (parts[1] if part == "src" else part), path
 
 
