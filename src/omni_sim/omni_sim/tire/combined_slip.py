@@ -26,7 +26,7 @@ from numpy.typing import ArrayLike
 
 from omni_core.kernels import lean
 from omni_core.quantities import FloatArray, Pair
-from omni_sim.tire.configuration import TireConfiguration
+from omni_sim.tire.interface.configuration import TireConfiguration
 from omni_sim.tire.interface.model import flat_together
 from omni_sim.tire.models import kernel_parameters, tmeasy
 from omni_sim.tire.models.tmeasy import CurvePoint, TMeasyParameters

@@ -18,7 +18,7 @@ from omni_runs.figures import style
 from omni_runs.metrics import Metric
 from omni_sim.configuration import SimulationConfiguration
 from omni_sim.tire.combined_slip import combined_forces
-from omni_sim.tire.configuration import TireConfiguration
+from omni_sim.tire.interface.configuration import TireConfiguration
 from omni_sim.tire.models import tmeasy
 from omni_sim.tire.tire import Tire
 from omni_sim.vehicle.configuration import VehicleConfiguration

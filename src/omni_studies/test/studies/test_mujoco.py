@@ -16,7 +16,7 @@ from omni_core.quantities import GRAVITY
 from omni_runs.experiment import ExperimentLibrary
 from omni_runs.loop import run_closed_loop
 from omni_runs.metrics import run_metrics
-from omni_sim.vehicle.mujoco_import import load_mujoco
+from omni_sim.mujoco_import import load_mujoco
 from omni_sim.vehicle.mujoco_vehicle import MujocoVehicle
 from omni_tools.vehicles.estimates import Measured, write_vehicle
 

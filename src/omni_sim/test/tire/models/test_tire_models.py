@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 
 import omni_sim
 from omni_core.configuration import ConfigurationError, from_mapping, to_mapping
-from omni_sim.tire.configuration import TireConfiguration
+from omni_sim.tire.interface.configuration import TireConfiguration
 from omni_sim.tire.interface.model import contact_friction, curve_at, force_at
 from omni_sim.tire.models import MODELS, kernel_parameters, magic_formula
 from omni_sim.tire.tire import Tire
