@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 # The lists of the properties of each class, for its documentation, would take a quarter of
 # matplotlib's import time.
-artist.kwdoc = lambda _: ""
+artist.kwdoc = lambda artist: ""  # noqa: ARG005
 
 ORANGE, SKY, GREEN = "#E69F00", "#56B4E9", "#009E73"
 BLUE, VERMILLION, PURPLE = "#0072B2", "#D55E00", "#CC79A7"
