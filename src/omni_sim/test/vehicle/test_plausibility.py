@@ -32,7 +32,7 @@ def scaled_tire(load: float, radius: float) -> TireConfiguration:
             return {k: v if "slip" in k else scaled(v) for k, v in values.items()}
         return ratio * values
 
-    parameters = type(table_1.model_parameters)
+    parameters: Any = type(table_1.model_parameters)
     directions = {
         key: type(getattr(table_1.model_parameters, key))(**value)
         if isinstance(value, dict)
