@@ -4,6 +4,7 @@ import os
 from collections.abc import Mapping
 
 import rclpy
+from rclpy.node import Node
 from std_msgs.msg import String
 
 _WAIT = 0.05  # time between two messages of a node [s]
@@ -27,7 +28,7 @@ def exchange_messages(environment: Mapping[str, str]) -> None:
     other = os.fork()
     own, its = ("a", "b") if other else ("b", "a")
     rclpy.init()
-    node = rclpy.create_node(f"doctor_{own}", enable_rosout=False, start_parameter_services=False)
+    node = Node(f"doctor_{own}", enable_rosout=False, start_parameter_services=False)
     received: list[String] = []
     node.create_subscription(String, f"doctor_{its}", received.append, 1)
     publisher = node.create_publisher(String, f"doctor_{own}", 1)

@@ -30,8 +30,7 @@ from omni_sim.driver.scripted import ScriptedDriver
 from omni_sim.ground.friction import FrictionMap
 from omni_sim.imu import write_world
 from omni_sim.measurement import Instruments, Readings, Truth, build_instruments, draws, measure
-from omni_sim.vehicle import dynamics
-from omni_sim.vehicle.dynamics import base_motion, energies, in_turned_frame
+from omni_sim.vehicle.dynamics import advance, base_motion, energies, in_turned_frame
 from omni_sim.vehicle.state import Control, State
 from omni_sim.vehicle.vehicle import Vehicle
 
@@ -448,4 +447,4 @@ def _advance(state: State, loop: _Loop, scratch: _Scratch, stamp: int, yaw: floa
     torque = pedal * loop.brake_torque
     stiffness = loop.clutch_stiffness if pedal < loop.clutch_threshold else 0.0
     control = Control(torque, scratch.enable, stiffness, twist, loop.hold_world, 0.0, 0.0, height)
-    dynamics.advance(state, control, scratch.steps, scratch.trajectory)
+    advance(state, control, scratch.steps, scratch.trajectory)

@@ -10,7 +10,7 @@ from omni_brake_assist.laws.own_law import own_law
 from omni_core import geometry, plugins
 from omni_core.configuration import ConfigurationError, parameter
 from omni_sim.configuration import SimulatorConfiguration
-from omni_sim.vehicle.mujoco_import import load_mujoco
+from omni_sim.mujoco_import import load_mujoco
 
 FEEDBACKS = ("optical", "velocity_sensor")
 """Built-in sources of the twist for the brake assistant."""

@@ -19,5 +19,7 @@ start_lightly()
 for _name in (*(entry.module for entry in entry_points(group=NODES)), *_IMPORTED_LATE):
     with contextlib.suppress(Exception):
         importlib.import_module(_name)
+# With its first kernel, numba compiles functions of its own.
+importlib.import_module("omni_sim.ground.friction").FrictionMap().at(0.0, 0.0)
 inspect.getframeinfo(inspect.currentframe())  # type: ignore[arg-type] # finds the files of modules
 gc.freeze()

@@ -25,10 +25,10 @@ import numpy as np
 from omni_core.geometry import cross
 from omni_core.kinematics import PlatformKinematics, require_omni_wheels
 from omni_core.quantities import GRAVITY, BoolArray, FloatArray
+from omni_sim.masses import support_polygon
 from omni_sim.tire.interface.model import curve_at
 from omni_sim.tire.models import kernel_parameters
 from omni_sim.vehicle import configuration, loads
-from omni_sim.vehicle.masses import support_polygon
 
 _TANGENTS = 97
 _FIRST = 16  # the first program has every 16th tangent; further tangents are added as needed

@@ -1,7 +1,7 @@
 """Tire of a vehicle: a selectable force-slip model with a spring and a damper.
 
-Eq. (4) of the dissertation defines the spring and the damper. `tire.configuration` has the
-parameters, and `Tire` evaluates the steady characteristic for plots, fits and tests.
+Eq. (4) of the dissertation defines the spring and the damper. `tire.interface.configuration` has
+the parameters, and `Tire` evaluates the steady characteristic for plots, fits and tests.
 """
 
 from typing import Any
@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from omni_core.kernels import lean
 from omni_core.quantities import FloatArray
-from omni_sim.tire.configuration import TireConfiguration
+from omni_sim.tire.interface.configuration import TireConfiguration
 from omni_sim.tire.interface.model import Curve, curve_at, flat_together, force_at
 from omni_sim.tire.models import kernel_parameters
 

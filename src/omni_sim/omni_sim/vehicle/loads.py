@@ -24,13 +24,13 @@ import numpy as np
 
 from omni_core.kernels import lean
 from omni_core.quantities import FloatArray, IntArray
-from omni_sim.vehicle.lifted_wheels import stand_on_edge, stand_on_some, stand_on_triangle
-from omni_sim.vehicle.masses import (  # noqa: F401 - earlier names
+from omni_sim.masses import (  # noqa: F401 - earlier names
     ForkConfiguration,
     MassConfiguration,
     MassProperties,
     support_polygon,
 )
+from omni_sim.vehicle.lifted_wheels import stand_on_edge, stand_on_some, stand_on_triangle
 
 
 def load_plane(position: FloatArray) -> FloatArray:

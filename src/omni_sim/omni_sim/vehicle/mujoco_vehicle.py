@@ -30,11 +30,11 @@ from omni_core.kinematics import PlatformKinematics
 from omni_core.quantities import GRAVITY, FloatArray
 from omni_sim.ground.configuration import ElevationConfiguration
 from omni_sim.ground.friction import FrictionMap, friction_at
+from omni_sim.mujoco_import import load_mujoco
 from omni_sim.tire.interface.model import curve_at
 from omni_sim.vehicle import state as layout
 from omni_sim.vehicle.configuration import VehicleConfiguration
 from omni_sim.vehicle.dynamics import in_turned_frame
-from omni_sim.vehicle.mujoco_import import load_mujoco
 from omni_sim.vehicle.plant import static_loads
 from omni_sim.vehicle.vehicle import Vehicle, VehicleInputError
 from omni_sim.wheel.brake_pressure import press, set_demand

@@ -5,8 +5,8 @@ import math
 import numpy as np
 
 from omni_core.quantities import GRAVITY, FloatArray
+from omni_sim.masses import MassProperties
 from omni_sim.vehicle import dynamics, roller_dynamics, suspension, uneven_ground
-from omni_sim.vehicle.masses import MassProperties
 from omni_sim.vehicle.plant import static_loads
 from omni_sim.vehicle.state import ROLLER, State
 from omni_sim.wheel import brake_pressure, roller_contact, steering

@@ -8,12 +8,12 @@ from omni_core.geometry import cross
 from omni_core.kinematics import PlatformKinematics
 from omni_core.quantities import GRAVITY, FloatArray
 from omni_sim.ground.friction import FrictionMap
+from omni_sim.masses import support_polygon
 from omni_sim.tire.combined_slip import passive_parameters
 from omni_sim.tire.models import kernel_parameters
 from omni_sim.vehicle import state
 from omni_sim.vehicle.configuration import VehicleConfiguration
 from omni_sim.vehicle.loads import load_plane, wheel_loads
-from omni_sim.vehicle.masses import support_polygon
 from omni_sim.wheel.roller_geometry import AXIS
 from omni_sim.wheel.steering import build_steering
 

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from omni_core.quantities import BoolArray, FloatArray, IntArray, Pair, Triple
 from omni_sim.ground.configuration import Terrain
-from omni_sim.vehicle.configuration import Motor
 from omni_sim.wheel.brake_pressure import BrakePressure
+from omni_sim.wheel.configuration import Motor
 
 Structured = NDArray[np.void]
 Record = Any

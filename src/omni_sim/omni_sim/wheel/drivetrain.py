@@ -21,7 +21,7 @@ from typing import NamedTuple
 
 from omni_core.kernels import lean, lean_inline
 from omni_sim.tire.interface.model import Curve
-from omni_sim.vehicle.configuration import Motor
+from omni_sim.wheel.configuration import Motor
 from omni_sim.wheel.single import Patch, TireConstants, tire_force
 
 

@@ -27,7 +27,7 @@ resistance.
 """
 
 from omni_core.kernels import lean
-from omni_sim.vehicle.configuration import PassiveLossConfiguration  # noqa: F401 - earlier names
+from omni_sim.wheel.configuration import PassiveLossConfiguration  # noqa: F401 - earlier names
 
 
 @lean

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from omni_core.configuration import ConfigurationError, from_mapping
 from omni_sim.texture.cache import TextureCache
 from omni_sim.texture.configuration import KINDS, TextureConfiguration
+from omni_sim.texture.materials import MATERIALS
 from omni_sim.texture.texture import GroundTexture, generate_texture
 
 SIZE = 0.05
@@ -21,6 +22,10 @@ SIZE = 0.05
 def ground(kind: str, texels: int = 1024, seed: int = 1) -> NDArray[np.float64]:
     configuration = TextureConfiguration(kind=kind, size=SIZE, texels=texels, seed=seed)
     return generate_texture(configuration).gray.astype(np.float64)
+
+
+def test_every_declared_kind_can_be_painted() -> None:
+    assert set(KINDS) == set(MATERIALS)
 
 
 @pytest.mark.parametrize("kind", KINDS)

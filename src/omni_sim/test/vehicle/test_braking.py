@@ -15,8 +15,8 @@ from omni_core.geometry import PlatformGeometry
 from omni_core.quantities import FloatArray
 from omni_sim.ground.configuration import FrictionPatch
 from omni_sim.ground.friction import FrictionMap
+from omni_sim.masses import MassConfiguration
 from omni_sim.vehicle.configuration import VehicleConfiguration
-from omni_sim.vehicle.masses import MassConfiguration
 from omni_sim.vehicle.vehicle import Vehicle
 
 

@@ -10,8 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from omni_core.quantities import FloatArray
+from omni_sim.masses import MassConfiguration, MassProperties, support_polygon
 from omni_sim.vehicle.loads import load_plane, wheel_loads
-from omni_sim.vehicle.masses import MassConfiguration, MassProperties, support_polygon
 
 WEIGHT = 12000.0
 SQUARE = np.array([[1.0, 1.0], [-1.0, 1.0], [-1.0, -1.0], [1.0, -1.0]])

@@ -14,8 +14,8 @@ from omni_core.kinematics import PlatformKinematics
 from omni_core.quantities import GRAVITY, FloatArray
 from omni_sim.ground.configuration import FrictionPatch
 from omni_sim.ground.friction import FrictionMap
+from omni_sim.masses import MassConfiguration
 from omni_sim.vehicle.configuration import VehicleConfiguration
-from omni_sim.vehicle.masses import MassConfiguration
 from omni_sim.vehicle.vehicle import Vehicle, VehicleInputError
 
 MOTIONS = {

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from omni_sim.tire.configuration import TMeasyConfiguration
+from omni_sim.tire.interface.configuration import TMeasyConfiguration
 from omni_sim.tire.models.tmeasy import curve_of
 from omni_sim.wheel.drivetrain import Drive, Hub, Spin, WheelStep, wheel_step
 from omni_sim.wheel.single import Patch, TireConstants

@@ -10,7 +10,7 @@ import pytest
 
 from omni_core.configuration import ConfigurationError
 from omni_core.quantities import FloatArray
-from omni_sim.tire.configuration import TMeasyConfiguration
+from omni_sim.tire.interface.configuration import TMeasyConfiguration
 from omni_sim.tire.models.tmeasy import curve_of
 from omni_sim.vehicle.configuration import DriveConfiguration, VehicleConfiguration
 from omni_sim.vehicle.vehicle import Vehicle

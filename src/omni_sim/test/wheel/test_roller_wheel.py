@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from omni_sim.tire.combined_slip import combined_curve, slip_norms
-from omni_sim.tire.configuration import TireConfiguration, TMeasyConfiguration
+from omni_sim.tire.interface.configuration import TireConfiguration, TMeasyConfiguration
 from omni_sim.tire.models import MODELS
 from omni_sim.tire.models.tmeasy import curve_of, force_at
 from omni_sim.tire.tire import Tire

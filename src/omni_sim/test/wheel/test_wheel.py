@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from omni_sim.tire.configuration import TireConfiguration, TMeasyConfiguration
+from omni_sim.tire.interface.configuration import TireConfiguration, TMeasyConfiguration
 from omni_sim.tire.interface.model import contact_friction
 from omni_sim.tire.models.tmeasy import curve_of, force_at
 from omni_sim.tire.tire import Tire

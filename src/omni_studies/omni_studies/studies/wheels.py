@@ -31,12 +31,8 @@ from omni_runs.figures import style
 from omni_runs.history import RunHistory
 from omni_runs.loop import run_closed_loop
 from omni_runs.metrics import Metric, run_metrics
-from omni_sim.vehicle.configuration import (
-    SuspensionConfiguration,
-    VehicleConfiguration,
-    WheelCondition,
-)
-from omni_sim.vehicle.mujoco_import import load_mujoco
+from omni_sim.mujoco_import import load_mujoco
+from omni_sim.vehicle.configuration import VehicleConfiguration, WheelCondition
 from omni_sim.vehicle.mujoco_vehicle import MujocoVehicle
 from omni_sim.vehicle.vehicle import DEFAULT_PHYSICS_STEP, Vehicle
 from omni_studies.study import StudyResult, StudyRun
@@ -416,7 +412,7 @@ def _mismounted(vehicle: VehicleConfiguration, higher: float = 0.001) -> dict[st
             machine.advance(4000, 1.0, np.ones(len(offsets)), np.zeros(3), traced=False)
             loads.append(machine.wheels["load"])
         high = {next(iter(vehicle.wheels)): WheelCondition(mounted=higher)}
-        springs = SuspensionConfiguration(stiffness=stiffness)
+        springs = dataclasses.replace(vehicle.suspension, stiffness=stiffness)
         sprung = dataclasses.replace(vehicle, suspension=springs)
         tilted_ones = (dataclasses.replace(sprung, conditions=wheels) for wheels in ({}, high))
         ours = [Vehicle(one).wheels["load"] for one in tilted_ones]

@@ -17,8 +17,8 @@ from omni_core.quantities import GRAVITY
 from omni_runs.experiment import ExperimentLibrary
 from omni_runs.loop import run_closed_loop
 from omni_runs.metrics import run_metrics
+from omni_sim.mujoco_import import load_mujoco
 from omni_sim.vehicle.configuration import VehicleConfiguration
-from omni_sim.vehicle.mujoco_import import load_mujoco
 from omni_sim.vehicle.mujoco_vehicle import MujocoVehicle
 from omni_sim.vehicle.vehicle import Vehicle
 from omni_studies.wheels.kinds import on_wheels

@@ -22,13 +22,13 @@ from omni_runs.limit.forces import Case, LimitVehicle, farthest
 from omni_runs.limit.stop_kinds import Maneuver
 from omni_sim.configuration import GroundConfiguration
 from omni_sim.ground.configuration import FrictionPatch
+from omni_sim.masses import ForkConfiguration, MassConfiguration
 from omni_sim.vehicle.configuration import (
-    PassiveLossConfiguration,
     SuspensionConfiguration,
     VehicleConfiguration,
 )
 from omni_sim.vehicle.loads import load_plane
-from omni_sim.vehicle.masses import ForkConfiguration, MassConfiguration
+from omni_sim.wheel.configuration import PassiveLossConfiguration
 
 ROOT = Path(__file__).parents[4]
 FLAT = GroundConfiguration()

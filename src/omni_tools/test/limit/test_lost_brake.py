@@ -27,9 +27,9 @@ from omni_runs.limit.stop_kinds import Maneuver
 from omni_runs.workspace import ExperimentWorkspace
 from omni_sim.configuration import GroundConfiguration
 from omni_sim.ground.configuration import FrictionPatch
+from omni_sim.masses import MassConfiguration
 from omni_sim.vehicle.configuration import VehicleConfiguration, WheelCondition
 from omni_sim.vehicle.loads import load_plane
-from omni_sim.vehicle.masses import MassConfiguration
 from omni_tools.limit.command import Options, run
 
 ROOT = Path(__file__).parents[4]

@@ -1,4 +1,4 @@
-"""Tire models, one file each; their parameters are in `tire.configuration`.
+"""Tire models, one file each; their parameters are in `tire.interface.configuration`.
 
 Each module defines ``MODEL``, a `TireModel`; the module's name is the model's name in YAML.
 """
@@ -8,7 +8,7 @@ import pkgutil
 from collections.abc import Mapping
 from typing import Any
 
-from omni_sim.tire.configuration import TireConfiguration
+from omni_sim.tire.interface.configuration import TireConfiguration
 from omni_sim.tire.interface.model import TireModel, register
 
 MODELS: Mapping[str, TireModel] = {

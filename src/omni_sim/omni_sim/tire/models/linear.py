@@ -13,7 +13,7 @@ import numpy as np
 
 from omni_core.kernels import lean
 from omni_core.quantities import FloatArray
-from omni_sim.tire.configuration import LinearConfiguration
+from omni_sim.tire.interface.configuration import LinearConfiguration
 from omni_sim.tire.interface.model import FitRecipe, Landmarks, TireModel, plain_mapping
 
 

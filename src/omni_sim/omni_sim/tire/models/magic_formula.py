@@ -23,7 +23,7 @@ import numpy as np
 
 from omni_core.kernels import lean
 from omni_core.quantities import FloatArray
-from omni_sim.tire.configuration import (
+from omni_sim.tire.interface.configuration import (
     CURVATURE_RANGE,
     SHAPE_RANGE,
     MagicFormulaConfiguration,

@@ -22,7 +22,7 @@ import numpy as np
 
 from omni_core.kernels import lean
 from omni_core.quantities import FloatArray
-from omni_sim.tire.configuration import FITTED, TMeasyConfiguration, curve_coefficients
+from omni_sim.tire.interface.configuration import FITTED, TMeasyConfiguration, curve_coefficients
 from omni_sim.tire.interface.contact import TOLERANCE, solve_contact
 from omni_sim.tire.interface.model import FitRecipe, Landmarks, TireModel
 

@@ -16,7 +16,8 @@ from hypothesis import strategies as st
 
 import omni_sim
 from omni_core.configuration import ConfigurationError, from_mapping, to_mapping
-from omni_sim.tire.configuration import TireConfiguration
+from omni_sim.tire.interface import configuration
+from omni_sim.tire.interface.configuration import TireConfiguration
 from omni_sim.tire.interface.model import contact_friction, curve_at, force_at
 from omni_sim.tire.models import MODELS, kernel_parameters, magic_formula
 from omni_sim.tire.tire import Tire
@@ -30,8 +31,10 @@ frictions = st.floats(0.05, 1.5)
 every_model = pytest.mark.parametrize("name", NAMES)
 
 
-def test_the_three_models_are_there() -> None:
-    assert {"linear", "magic_formula", "tmeasy"} <= set(NAMES)
+def test_every_declared_model_is_there() -> None:
+    assert set(NAMES) == set(configuration.MODELS)
+    for name, model in MODELS.items():
+        assert type(getattr(TireConfiguration(), name)) is model.configuration
 
 
 @every_model
