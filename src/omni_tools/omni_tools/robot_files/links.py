@@ -297,7 +297,7 @@ class Robot:
         pose = np.eye(4)
         pose[:3, 3] = self._numbers(element, "xyz", "0 0 0", 3, place)
         angles = self._numbers(element, "rpy", "0 0 0", 3, place)
-        pose[:3, :3] = rotation_matrix(np.degrees(angles))
+        pose[:3, :3] = rotation_matrix(np.degrees(angles).tolist())
         return pose
 
     def _numbers(

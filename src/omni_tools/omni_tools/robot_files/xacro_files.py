@@ -143,7 +143,8 @@ def _guarded(
             xacro.replace_node(node, by=None)
             return True
 
-    changed = {(index, "get_package_share_directory"): (find, find_around)}
+    changed: dict[tuple[Any, str], tuple[Any, Any]] = {}
+    changed[index, "get_package_share_directory"] = find, find_around
     changed[xacro, "get_include_files"] = include, include_what_exists
     changed[xacro, "handle_macro_call"] = call, call_what_exists
     if not trust:

@@ -25,6 +25,7 @@ from omni_tools.vehicles.from_files import described_vehicle
 
 CONFIG = Path(__file__).parents[4] / "config"
 Write = Callable[..., Described]
+SIGNS = {"fl": (1, 1), "fr": (1, -1), "rr": (-1, -1), "rl": (-1, 1)}
 
 
 @pytest.fixture
@@ -47,8 +48,7 @@ def test_wheels_keep_their_names_and_places(described: Write) -> None:
     found = described(mecanum_urdf(), CONTROLLER)
     assert found.kind == "mecanum"
     assert found.contradictions == []
-    signs = {"fl": (1, 1), "fr": (1, -1), "rr": (-1, -1), "rl": (-1, 1)}
-    for name, (x, y) in signs.items():
+    for name, (x, y) in SIGNS.items():
         wheel = found.wheels[f"{name}_joint"]
         assert (wheel["x"], wheel["y"]) == (0.2 * x, 0.15 * y)
         assert wheel["roller_angle_deg"] == -45.0 * x * y  # X seen from above
@@ -118,6 +118,17 @@ base:
     assert ("radius" in found.wheels["a"]) == named
     assert named or any("wheels are meshes" in one for one in found.questions)
     assert named or any("taken as omni-wheels" in one for one in found.questions)
+
+
+def test_mecanum_wheels_may_be_described_with_the_axes_of_their_rollers(described: Write) -> None:
+    axis = {corner: f"{-x * y} 1 0" for corner, (x, y) in SIGNS.items()}
+    found = described(mecanum_urdf(axis=axis))
+    assert found.kind == "omni"
+    assert any("could hardly turn the robot" in one for one in found.contradictions)
+    found = described(mecanum_urdf(axis=axis), kind="mecanum")
+    for name, wheel in described(mecanum_urdf()).wheels.items():
+        assert "heading_deg" not in found.wheels[name]
+        assert found.wheels[name]["roller_angle_deg"] == wheel["roller_angle_deg"]
 
 
 def test_directions_of_an_unknown_controller_of_omni_wheels_are_not_assumed(
