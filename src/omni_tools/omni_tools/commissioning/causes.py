@@ -15,6 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
+from scipy.sparse.csgraph import connected_components
 
 from omni_core.configuration import ConfigurationError
 from omni_core.geometry import PlatformGeometry, WheelMount
@@ -307,7 +308,7 @@ def _swaps(
     if moved:
         order = {name: mounts[places[row]] for row, name in enumerate(names)}
         words = " and ".join(names[row] for row in moved)
-        swaps = len(moved) - _cycles(places, moved)
+        swaps = len(names) - connected_components(np.eye(len(names))[of_speed])[0]
         yield (
             (
                 Cause(
@@ -321,18 +322,6 @@ def _swaps(
             ),
             order,
         )
-
-
-def _cycles(places: Mapping[int, int], moved: Iterable[int]) -> int:
-    """Return the number of cycles of a permutation."""
-    left, count = set(moved), 0
-    while left:
-        start = row = min(left)
-        while row in left:
-            left.remove(row)
-            row = places[row]
-        count += row == start
-    return count
 
 
 def _named(error: scales.Scale, factor: float, names: Sequence[str], stated: Stated) -> Cause:
