@@ -137,13 +137,8 @@ class ParameterInfo:
     def bounds_in_words(self) -> str:
         """Return a description of the permitted range."""
         unit = f" {self.unit}" if self.unit else ""
-        words = []
-        if self.above is not None:
-            words.append(f"above {self.above:g}")
-        if self.minimum is not None:
-            words.append(f"at least {self.minimum:g}")
-        if self.maximum is not None:
-            words.append(f"at most {self.maximum:g}")
+        bounds = {"above": self.above, "at least": self.minimum, "at most": self.maximum}
+        words = [f"{word} {bound:g}" for word, bound in bounds.items() if bound is not None]
         return " and ".join(words) + unit
 
 
@@ -400,8 +395,7 @@ def _check_value(name: str, value: Any, kind: Any, info: ParameterInfo) -> None:
         for index, entry in enumerate(value):
             _check_value(f"{name}[{index}]", entry, item, info)
         return
-    element = element_configuration(kind)
-    if element is not None:
+    if element_configuration(kind) is not None:
         _check_names(name, value)
         return
     if isinstance(kind, types.UnionType) or not isinstance(kind, type):
