@@ -410,7 +410,11 @@ def _of_sensor(key: str, kind: str, factor: float) -> Cause:
         "twist fl": ("twist sensor: speed", "check height, scale and unit of its sensors"),
         "twist f": ("twist sensor: v_x", "check scale and unit of its sensors"),
         "twist l": ("twist sensor: v_y", "check scale and unit of its sensors"),
-        "twist t": ("twist sensor: yaw rate", "check unit and lever of its sensors"),
+        "twist t": (
+            "twist sensor: yaw rate",
+            "check unit and lever of its sensors; if it is always 0, add angular.z to the "
+            "parameter unmeasured of twist_adapter",
+        ),
         "gyro": ("gyro: yaw rate", "check its unit (rad/s), axes and scale"),
     }[kind]
     return Cause(

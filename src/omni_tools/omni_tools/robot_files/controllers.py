@@ -80,15 +80,15 @@ class Controller(NamedTuple):
     kind: str
     joints: Mapping[str, str]
     radius: float | None
-    factors: Mapping[str, float]
-    sum: float | None
-    wheelbase: float | None
-    track: float | None
-    offset: tuple[float, float, float]
-    robot_radius: float | None
-    wheel_offset: float | None
-    base: str
-    keys: Mapping[str, str]
+    factors: Mapping[str, float] = {}
+    sum: float | None = None
+    wheelbase: float | None = None
+    track: float | None = None
+    offset: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    robot_radius: float | None = None
+    wheel_offset: float | None = None
+    base: str = ""
+    keys: Mapping[str, str] = {}
 
     @property
     def lever(self) -> float | None:
@@ -215,6 +215,10 @@ def _controller(name: str, kind: str, values: Mapping[str, Any]) -> Controller:
     }
     x, y, theta = offset.values()
     joints = _joints(kind, values, name)
+    listed = list(joints.values())
+    if twice := next((joint for joint in listed if listed.count(joint) > 1), None):
+        problem = f"{name} names the joint {twice!r} for several wheels; correct one of them"
+        raise ConfigurationError("--from", problem)
     factors = {
         corner: _number(values, key, name)
         for corner in joints
@@ -264,7 +268,7 @@ def _joints(kind: str, values: Mapping[str, Any], name: str) -> dict[str, str]:
             raise ConfigurationError(
                 "--from", f"{name}: wheel_names must list three or more joints"
             )
-        return _different({str(row): str(joint) for row, joint in enumerate(names)}, name)
+        return {str(row): str(joint) for row, joint in enumerate(names)}
     found = {}
     for key, joint in values.items():
         if (corner := _JOINT.fullmatch(key)) and joint:
@@ -272,16 +276,7 @@ def _joints(kind: str, values: Mapping[str, Any], name: str) -> dict[str, str]:
     if lacking := [corner for corner in CORNERS if found and corner not in found]:
         problem = f"{name} names no joint of the wheel {', '.join(lacking)}; add its parameter"
         raise ConfigurationError("--from", problem)
-    return _different({corner: found[corner] for corner in CORNERS if found}, name)
-
-
-def _different(joints: dict[str, str], name: str) -> dict[str, str]:
-    """Return joints; raise `ConfigurationError` if two wheels have the same one."""
-    listed = list(joints.values())
-    if twice := next((joint for joint in listed if listed.count(joint) > 1), None):
-        problem = f"{name} names the joint {twice!r} for several wheels; correct one of them"
-        raise ConfigurationError("--from", problem)
-    return joints
+    return {corner: found[corner] for corner in CORNERS if found}
 
 
 def _number(values: Mapping[str, Any], key: str, name: str, usual: float | None = None) -> float:
@@ -330,10 +325,11 @@ def _mecanum(geometry: PlatformGeometry, name: str) -> Controller | None:
         return None
     span = np.ptp(places, axis=0)
     return Controller(
-        name, MECANUM, corners, float(geometry.radius[0]), {}, None,
-        float(span[0]), float(span[1]),
-        (-float(center[0]) + 0.0, -float(center[1]) + 0.0, theta + 0.0), None, None, "", {},
-    )  # fmt: skip
+        *(name, MECANUM, corners, float(geometry.radius[0])),
+        wheelbase=float(span[0]),
+        track=float(span[1]),
+        offset=(0.0 - float(center[0]), 0.0 - float(center[1]), theta + 0.0),
+    )
 
 
 def _omni(geometry: PlatformGeometry, name: str) -> Controller:
@@ -342,10 +338,8 @@ def _omni(geometry: PlatformGeometry, name: str) -> Controller:
     order = np.argsort(np.where(angles < -1e-9, angles + 2.0 * math.pi, angles))
     joints = {str(row): geometry.names[wheel] for row, wheel in enumerate(order)}
     reach = float(np.linalg.norm(geometry.position, axis=1).mean())
-    return Controller(
-        name, OMNI, joints, float(geometry.radius[0]), {}, None, None, None,
-        (0.0, 0.0, 0.0), reach, float(angles[order[0]]), "", {},
-    )  # fmt: skip
+    radius, first = float(geometry.radius[0]), float(angles[order[0]])
+    return Controller(name, OMNI, joints, radius, robot_radius=reach, wheel_offset=first)
 
 
 def controller_file(controller: Controller) -> str:

@@ -53,7 +53,7 @@ def read_description(
     except ImportError:
         problem = f"{path} needs the package xacro: ./omni install xacro, or {_REMEDY}"
         raise ConfigurationError("--from", problem) from None
-    with _guarded(xacro, packages_around(path), trust, skipped):
+    with _replaced(_guarded(xacro, packages_around(path), trust, skipped)):
         return _expanded(xacro, path, arguments)
 
 
@@ -92,10 +92,22 @@ def _reason(error: Exception) -> str:
 
 
 @contextlib.contextmanager
+def _replaced(functions: Mapping[tuple[Any, str], Any]) -> Iterator[None]:
+    """Replace functions of modules, keyed by module and name, for a while."""
+    before = {(module, name): getattr(module, name) for module, name in functions}
+    try:
+        for (module, name), function in functions.items():
+            setattr(module, name, function)
+        yield
+    finally:
+        for (module, name), function in before.items():
+            setattr(module, name, function)
+
+
 def _guarded(
     xacro: Any, packages: Mapping[str, Path], trust: bool, skipped: list[str] | None
-) -> Iterator[None]:
-    """Let xacro find packages, and refuse expressions that need more than `_check` permits.
+) -> dict[tuple[Any, str], Any]:
+    """Return functions with which xacro finds packages and evaluates only what `_check` permits.
 
     Args:
         xacro: the module, whose functions `safe_eval` and `eval_extension` evaluate all text.
@@ -143,20 +155,15 @@ def _guarded(
             xacro.replace_node(node, by=None)
             return True
 
-    changed: dict[tuple[Any, str], tuple[Any, Any]] = {}
-    changed[index, "get_package_share_directory"] = find, find_around
-    changed[xacro, "get_include_files"] = include, include_what_exists
-    changed[xacro, "handle_macro_call"] = call, call_what_exists
+    functions: dict[tuple[Any, str], Any] = {
+        (index, "get_package_share_directory"): find_around,
+        (xacro, "get_include_files"): include_what_exists,
+        (xacro, "handle_macro_call"): call_what_exists,
+    }
     if not trust:
-        changed[xacro, "safe_eval"] = evaluate, checked_evaluate
-        changed[xacro, "eval_extension"] = extend, checked_extend
-    try:
-        for (module, name), (_, replacement) in changed.items():
-            setattr(module, name, replacement)
-        yield
-    finally:
-        for (module, name), (before, _) in changed.items():
-            setattr(module, name, before)
+        functions[xacro, "safe_eval"] = checked_evaluate
+        functions[xacro, "eval_extension"] = checked_extend
+    return functions
 
 
 def _check(expression: str) -> None:

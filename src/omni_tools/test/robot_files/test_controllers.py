@@ -34,13 +34,12 @@ def assert_equal(ours: FloatArray, theirs: FloatArray) -> None:
 
 
 def mecanum(offset: tuple[float, float, float]) -> Controller:
-    return Controller("m", MECANUM, NAMES, 0.05, {}, None, 0.4, 0.3, offset, None, None, "", {})
+    return Controller("m", MECANUM, NAMES, 0.05, wheelbase=0.4, track=0.3, offset=offset)
 
 
 def omni(count: int, angle: float) -> Controller:
     joints = {str(row): f"wheel_{row}" for row in range(count)}
-    no_offset = (0.0, 0.0, 0.0)
-    return Controller("o", OMNI, joints, 0.04, {}, None, None, None, no_offset, 0.2, angle, "", {})
+    return Controller("o", OMNI, joints, 0.04, robot_radius=0.2, wheel_offset=angle)
 
 
 @pytest.mark.parametrize("offset", [(0.0, 0.0, 0.0), (0.1, -0.05, 0.0), (0.2, 0.1, 0.7)])
