@@ -12,7 +12,8 @@ from importlib.metadata import entry_points
 
 from omni_ros.start import NODES, start_lightly
 
-_IMPORTED_LATE = ("numpy.ma", "rosbags.typesys.stores.ros2_jazzy")  # by nodes in their work
+# Modules that nodes import in their work; numba.np.arraymath imports scipy.linalg.
+_IMPORTED_LATE = ("numba.np.arraymath", "numpy.ma", "rosbags.typesys.stores.ros2_jazzy")
 
 os.setpgrp()  # Ctrl-C reaches only the process that ends the nodes
 start_lightly()
