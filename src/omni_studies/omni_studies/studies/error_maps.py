@@ -33,7 +33,7 @@ from omni_studies.line_trials import view_grid
 from omni_studies.line_trials.view_grid import GROUP, sideways_motions
 from omni_studies.study import StudyResult, StudyRun
 from omni_tools.line_trials.rig import Rig, View, ground
-from omni_tools.line_trials.trials import Matches, ViewMotion, measure, undetected
+from omni_tools.line_trials.trials import Matches, SearchChoice, ViewMotion, measure, undetected
 
 CASES = {
     "overlap": "Overlap and error of a camera that moves along its axis at 5 to 200 m/s, with "
@@ -324,7 +324,8 @@ def _prior_metrics(case: str, texture: GroundTexture, options: LineOptions) -> d
     motion = ViewMotion(view, speed, view_grid.MOTION.angle)
     found = {}
     near = functools.partial(make_search, "pearson", prior_weight=_PRIOR_WEIGHT)
-    for word, method in {"without_prior": "pearson", "with_prior": near}.items():
+    methods: dict[str, SearchChoice] = {"without_prior": "pearson", "with_prior": near}
+    for word, method in methods.items():
         (pairs,) = measure([motion], texture, 60, options.noise, options.seed, method, runs=10)
         found[f"right_share_{word}.{case}"] = Metric(float(np.mean(pairs.right)), "1")
     return found

@@ -39,9 +39,12 @@ def metrics(mecanum: VehicleConfiguration, omni: VehicleConfiguration) -> dict[s
     }
 
 
-def _with_rollers(vehicle: VehicleConfiguration, **changes: float) -> VehicleConfiguration:
+def _with_rollers(
+    vehicle: VehicleConfiguration, rows_apart: float = 0.0, small_radius: float = 0.0
+) -> VehicleConfiguration:
     vehicle = with_wheels(vehicle, ROLLERS, _ROLLERS)
-    return dataclasses.replace(vehicle, rollers=dataclasses.replace(vehicle.rollers, **changes))
+    rollers = dataclasses.replace(vehicle.rollers, rows_apart=rows_apart, small_radius=small_radius)
+    return dataclasses.replace(vehicle, rollers=rollers)
 
 
 def row_levers(vehicle: VehicleConfiguration) -> FloatArray:
@@ -64,13 +67,13 @@ def row_levers(vehicle: VehicleConfiguration) -> FloatArray:
 def _stops(vehicle: VehicleConfiguration) -> dict[str, Metric]:
     """Return rotation and distance of unassisted stops with the rollers of Figure 2."""
     found: dict[str, Metric] = {}
-    for case, changes in {
-        "one_row": {},
-        "two_rows": {"rows_apart": _APART},
-        "two_sizes": {"small_radius": _SMALL},
-    }.items():
+    for case, apart, small in (
+        ("one_row", 0.0, 0.0),
+        ("two_rows", _APART, 0.0),
+        ("two_sizes", 0.0, _SMALL),
+    ):
         # The wheels begin on their odd rollers, and lock after a fraction of a turn.
-        path = stopped(_with_rollers(vehicle, **changes), wheel_angle=math.tau / _ROLLERS).path
+        path = stopped(_with_rollers(vehicle, apart, small), wheel_angle=math.tau / _ROLLERS).path
         moved = path[-1] - path[0]
         found[f"rows_rotation.{case}"] = Metric(abs(math.degrees(moved[2])), "deg")
         found[f"rows_distance.{case}"] = Metric(float(np.hypot(*moved[:2])), "m")

@@ -78,7 +78,7 @@ def test_the_row_on_which_the_wheels_lock_matters_in_mujoco_as_in_our_simulation
         rollers = dataclasses.replace(vehicle.rollers, rows_apart=apart, small_radius=0.04)
         vehicle = dataclasses.replace(vehicle, wheel_model="rollers", rollers=rollers)
         # The wheels lock on an even roller, whose row is 40 mm to the left.
-        begin = {"twist": (5.0, 0.0, 0.0), "wheel_angle": -0.15}
+        begin: dict[str, Any] = {"twist": (5.0, 0.0, 0.0), "wheel_angle": -0.15}
         ours, other = Vehicle(vehicle, **begin), mujoco(vehicle, **begin)
         for _ in range(65):
             for machine in (ours, other):

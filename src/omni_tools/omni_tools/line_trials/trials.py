@@ -30,6 +30,10 @@ ERROR_COLUMNS = ("mean_error_px", "rmse_px", "rmse_mm", "rmse_percent_of_speed")
 _DEVIATIONS = 4.0  # limit on the ratio that the stated standard deviation explains [1]
 
 
+SearchChoice = str | Callable[[int], search.ShiftSearch]
+"""Similarity metric of a full search, or a constructor of a search as in `search.METRICS`."""
+
+
 def within_95(ratio: FloatArray) -> BoolArray:
     """Return whether each ratio of error to stated deviation is within +-1.96, same shape."""
     return np.abs(ratio) <= 1.96
@@ -177,7 +181,7 @@ def measure(
     pairs: int,
     noise: float,
     seed: int,
-    metric: str | Callable[[int], search.ShiftSearch] = "pearson",
+    metric: SearchChoice = "pearson",
     runs: int = 1,
 ) -> list[Matches]:
     """Render consecutive lines for each motion; return their true and measured displacements.
@@ -189,7 +193,7 @@ def measure(
         pairs: number of consecutive line pairs from each start position.
         noise: standard deviation [gray levels].
         seed: seed of positions and noise.
-        metric: similarity metric of the search, or constructor of a search as in `search.METRICS`.
+        metric: the search.
         runs: number of random start positions for each motion.
     """
     generator = np.random.default_rng(seed)
@@ -233,7 +237,7 @@ def match(
     view: View,
     poses: FloatArray,
     lines: Lines,
-    metric: str | Callable[[int], search.ShiftSearch] = "pearson",
+    metric: SearchChoice = "pearson",
 ) -> Matches:
     """Return the true and the measured displacement of each line from the previous line.
 
