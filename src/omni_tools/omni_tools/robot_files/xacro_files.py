@@ -116,8 +116,8 @@ def _guarded(
         skipped: receives the packages that are missing and left out; None to raise an error.
     """
     index = importlib.import_module("ament_index_python.packages")
-    find, evaluate, extend = index.get_package_share_directory, xacro.safe_eval, xacro.eval_extension
-    include, call = xacro.get_include_files, xacro.handle_macro_call
+    find, evaluate = index.get_package_share_directory, xacro.safe_eval
+    extend, include, call = xacro.eval_extension, xacro.get_include_files, xacro.handle_macro_call
 
     def checked_evaluate(text: str, symbols: Any, *more: Any) -> Any:
         _check(text)
