@@ -32,7 +32,7 @@ SETTINGS = {
     "glossary.md": "0.05 m/s",
     "identification": "0.01 s, 0.05 rad/s, 0.2 m, 0.3 m/s, 0.5 kg",
     "line_cameras.md": "0.4 times",
-    "line_scan_sensor.md": "0.05 m/s, 0.25 px, 0.7 px, 25.6 mm",
+    "line_scan_sensor.md": "0.05 m/s, 0.3 m/s, 0.5 m/s, 0.7 m/s, 0.3 s, 0.25 px, 0.7 px, 25.6 mm",
     "metrics.md": "0.05 m/s, 0.3 s, 0.5 s, 1.5 px",
     "notes.md": "0.71 m",
     "performance.md": "0.2 s, 0.3 s, 0.5 ms, 1.5 times",
