@@ -140,6 +140,23 @@ def test_a_bound_over_headings_is_above_every_heading(forklift: VehicleConfigura
         assert found.bound <= largest
 
 
+def test_pushing_helps_only_near_a_direction_in_which_wheels_are_not_driven(
+    forklift: VehicleConfiguration,
+) -> None:
+    """At 45 deg, two locked wheels exert forces of either sign; at 44 deg, only by pushing."""
+    limit, deceleration = LimitVehicle(forklift), {}
+    for degrees in (0.0, 44.0, 45.0):
+        direction = np.array([math.cos(math.radians(degrees)), math.sin(math.radians(degrees))])
+        for pushes in (False, True):
+            found = limit.strongest(direction, Case(np.ones(4), straight=True, pushes=pushes))
+            assert found is not None
+            deceleration[degrees, pushes] = found.bound
+    assert deceleration[0.0, True] == pytest.approx(deceleration[0.0, False], rel=1e-9)
+    assert deceleration[45.0, True] == pytest.approx(deceleration[45.0, False], rel=1e-9)
+    assert deceleration[44.0, True] >= deceleration[44.0, False]
+    assert deceleration[44.0, True] == pytest.approx(deceleration[45.0, True], rel=0.02)
+
+
 def test_the_farthest_corner_of_a_polygon_is_found() -> None:
     corners = np.array([[2.0, 1.0], [-1.0, 1.5], [-0.5, -2.0]])
     bound = farthest(lambda t: max(corners @ [math.cos(t), math.sin(t)]), 1e-4)
