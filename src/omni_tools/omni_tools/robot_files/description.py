@@ -146,7 +146,7 @@ def _are_parallel(wheels: Sequence[DescribedWheel]) -> bool:
 
 
 def _check_levers(found: Described, wheels: Sequence[DescribedWheel], center: FloatArray) -> None:
-    """List omni-wheels that roll towards their center, as if the axes were those of rollers."""
+    """List omni-wheels that roll toward their center, as if the axes were those of rollers."""
     arms = [turned(one.place[:2] - center, -math.radians(one.heading_deg)) for one in wheels]
     lever, distance = (
         float(np.mean(one)) for one in (np.abs(arms)[:, 1], np.hypot(*np.transpose(arms)))
