@@ -25,7 +25,7 @@ from typing import NamedTuple
 import numpy as np
 
 from omni_core.configuration import Configuration, ConfigurationError, parameter
-from omni_core.kernels import kernel, lean
+from omni_core.kernels import by_reference, kernel, lean
 from omni_core.quantities import SECOND_NS, FloatArray, IntArray
 
 CHANNELS = ("twist", "gyro", "accelerometer", "encoder")
@@ -70,6 +70,7 @@ class FaultConfiguration(Configuration):
     """Duration ``T`` of the fault `ramp`, period of `sine` and `square`, or length of `delay`"""
 
 
+@by_reference
 class Faults(NamedTuple):
     """Faults of a run and their state, for K faults and W values in the widest channel.
 

@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 
 from omni_core.configuration import Configuration, parameter
-from omni_core.kernels import kernel, lean
+from omni_core.kernels import by_reference, kernel, lean
 from omni_core.quantities import GRAVITY, SECOND_NS, FloatArray, IntArray
 
 IMU_DRAWS = 3
@@ -71,6 +71,7 @@ class ImuConfiguration(Configuration):
         return math.sqrt(_AVERAGED * SECOND_NS / self.period_ns(control_period_ns))
 
 
+@by_reference
 class Imu(NamedTuple):
     """Constants and state of the IMU, in the form that the kernel uses.
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omni_core.configuration import Configuration, parameter
-from omni_core.kernels import lean
+from omni_core.kernels import by_reference, lean
 from omni_core.quantities import SECOND_NS, FloatArray
 from omni_core.signals import TwistSample
 
@@ -52,6 +52,7 @@ class VelocitySensorConfiguration(Configuration):
         return start, start + (round(self.failure_duration * SECOND_NS) if fails else 0)
 
 
+@by_reference
 class SensorConstants(NamedTuple):
     """Constants of the sensor for the kernel; see `VelocitySensorConfiguration`.
 
