@@ -324,7 +324,7 @@ def _run_part(run: _Run, first: int, last: int, done: int, pauses: bool) -> tupl
     return last, run_progress.RUNNING
 
 
-@inlined
+@lean
 def _sense(run: _Run, stamp: int) -> None:
     """Simulate the sensors at a stamp, and record the motion and the feedback."""
     state, sensors, loop, scratch = run.state, run.sensors, run.loop, run.scratch
@@ -406,7 +406,7 @@ def _run_own(law: Law, run: _Run, first: int, last: int) -> tuple[int, int]:
     return stamp, outcome
 
 
-@inlined
+@lean
 def _record_and_advance(run: _Run, stamp: int) -> int:
     """Record the state at a stamp, and advance the vehicle unless the run has ended.
 
@@ -434,7 +434,7 @@ def _record_and_advance(run: _Run, stamp: int) -> int:
     return outcome
 
 
-@inlined
+@lean
 def _advance(state: State, loop: _Loop, scratch: _Scratch, stamp: int, yaw: float) -> None:
     """Advance the vehicle by one control period, as `Simulator.advance` does.
 
