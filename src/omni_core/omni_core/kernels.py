@@ -19,8 +19,9 @@ import numba
 
 from omni_core.compilation.calls import linked
 from omni_core.compilation.patches import patch_numba
+from omni_core.compilation.references import by_reference
 
-__all__ = ["declares", "inlined", "kernel", "lean", "lean_inline", "linked", "njit"]
+__all__ = ["by_reference", "declares", "inlined", "kernel", "lean", "lean_inline", "linked", "njit"]
 
 _F = TypeVar("_F", bound=Callable[..., Any])
 

@@ -20,7 +20,7 @@ from omni_brake_assist.conditions import GOOD
 from omni_brake_assist.imu_integration import add_reading, end_step, new_integral
 from omni_brake_assist.laws.law import NO_HELP, Law, call_law
 from omni_brake_assist.laws.own_law import own_law
-from omni_core.kernels import inlined, lean
+from omni_core.kernels import by_reference, inlined, lean
 from omni_core.quantities import BoolArray, FloatArray, IntArray
 from omni_core.signals import MISSING, VALID, ImuSample, TwistSample, WheelSample
 from omni_runs.experiment import ExperimentConfiguration
@@ -42,6 +42,7 @@ start of the run [ns], the true twist [m/s, m/s, rad/s], shape (3,), and the mea
 _CHUNK = 512  # number of stamps per call and per chunk of noise
 
 
+@by_reference
 class _Record(NamedTuple):
     """Arrays that a run fills stamp by stamp, for at most T control stamps and N wheels.
 
@@ -81,6 +82,7 @@ class FastRun(RunHistory):
     tipping_steps: int
 
 
+@by_reference
 class _Loop(NamedTuple):
     """Inputs of the loop kernel except vehicle and law; T is the limit on the number of stamps."""
 
@@ -100,6 +102,7 @@ class _Loop(NamedTuple):
     end: run_progress.End
 
 
+@by_reference
 class _Sensors(NamedTuple):
     """Sensors with their state and noise.
 
@@ -237,6 +240,7 @@ def _sensors(configuration: ExperimentConfiguration, stamps: int) -> _Sensors:
     )
 
 
+@by_reference
 class _Scratch(NamedTuple):
     """Buffers for the values of one control stamp, for N wheels."""
 
@@ -273,6 +277,7 @@ def _new_scratch(configuration: ExperimentConfiguration, instruments: Instrument
     )
 
 
+@by_reference
 class _Run(NamedTuple):
     """State of a run of the fast loop in progress."""
 
@@ -319,7 +324,7 @@ def _run_part(run: _Run, first: int, last: int, done: int, pauses: bool) -> tupl
     return last, run_progress.RUNNING
 
 
-@inlined
+@lean
 def _sense(run: _Run, stamp: int) -> None:
     """Simulate the sensors at a stamp, and record the motion and the feedback."""
     state, sensors, loop, scratch = run.state, run.sensors, run.loop, run.scratch
@@ -401,7 +406,7 @@ def _run_own(law: Law, run: _Run, first: int, last: int) -> tuple[int, int]:
     return stamp, outcome
 
 
-@inlined
+@lean
 def _record_and_advance(run: _Run, stamp: int) -> int:
     """Record the state at a stamp, and advance the vehicle unless the run has ended.
 
@@ -429,7 +434,7 @@ def _record_and_advance(run: _Run, stamp: int) -> int:
     return outcome
 
 
-@inlined
+@lean
 def _advance(state: State, loop: _Loop, scratch: _Scratch, stamp: int, yaw: float) -> None:
     """Advance the vehicle by one control period, as `Simulator.advance` does.
 

@@ -25,7 +25,7 @@ from typing import NamedTuple
 import numpy as np
 
 from omni_core.configuration import ConfigurationError
-from omni_core.kernels import kernel, lean
+from omni_core.kernels import by_reference, kernel, lean
 from omni_core.quantities import SECOND_NS, FloatArray, IntArray
 from omni_sim.sensor_configuration import CHANNELS, KINDS, FaultConfiguration
 
@@ -42,6 +42,7 @@ _STUCK_NOISE_DEVIATION = 1e-9
 _ROUNDING = 1e-6  # share of half a period that rounding of times may cause [1]
 
 
+@by_reference
 class Faults(NamedTuple):
     """Faults of a run and their state, for K faults and W values in the widest channel.
 

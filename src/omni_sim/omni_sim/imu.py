@@ -18,7 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from omni_core.kernels import kernel, lean
+from omni_core.kernels import by_reference, kernel, lean
 from omni_core.quantities import GRAVITY, SECOND_NS, FloatArray, IntArray
 from omni_sim.sensor_configuration import ImuConfiguration
 
@@ -26,6 +26,7 @@ IMU_DRAWS = 3
 """Number of standard normal values that a reading needs."""
 
 
+@by_reference
 class Imu(NamedTuple):
     """Constants and state of the IMU, in the form that the kernel uses.
 

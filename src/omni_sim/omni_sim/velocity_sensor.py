@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from omni_core.kernels import lean
+from omni_core.kernels import by_reference, lean
 from omni_core.quantities import SECOND_NS, FloatArray
 from omni_core.signals import TwistSample
 from omni_sim.sensor_configuration import VelocitySensorConfiguration
@@ -19,6 +19,7 @@ from omni_sim.sensor_configuration import VelocitySensorConfiguration
 SMALLEST_DEVIATION = 1e-4
 
 
+@by_reference
 class SensorConstants(NamedTuple):
     """Constants of the sensor for the kernel; see `VelocitySensorConfiguration`.
 

@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from omni_core.kernels import by_reference
 from omni_core.quantities import BoolArray, FloatArray, IntArray, Pair, Triple
 from omni_sim.ground.configuration import Terrain
 from omni_sim.wheel.brake_pressure import BrakePressure
@@ -111,6 +112,7 @@ COUNTERS = np.dtype([("tipping_steps", np.int64), ("overloaded_steps", np.int64)
 """Counters: steps in which the vehicle tips, and sum of the overloaded wheels over all steps."""
 
 
+@by_reference
 class Plant(NamedTuple):
     """Constants of a vehicle's kernel.
 
@@ -181,6 +183,7 @@ class Plant(NamedTuple):
     roller_pitch: float
 
 
+@by_reference
 class Losses(NamedTuple):
     """Constants of the losses along the passive directions.
 
@@ -199,6 +202,7 @@ class Losses(NamedTuple):
     quadratic: float
 
 
+@by_reference
 class Rollers(NamedTuple):
     """Individual rollers of all wheels: their state, and constants in addition to `Plant`.
 
@@ -228,6 +232,7 @@ class Rollers(NamedTuple):
     push: FloatArray
 
 
+@by_reference
 class Treads(NamedTuple):
     """Contacts of conventional wheels: their state, and constants in addition to `Plant`.
 
@@ -251,6 +256,7 @@ class Treads(NamedTuple):
     lateral: Triple
 
 
+@by_reference
 class Suspension(NamedTuple):
     """Suspension of a chassis; see the module `suspension`.
 
@@ -278,6 +284,7 @@ class Suspension(NamedTuple):
     chassis: Structured
 
 
+@by_reference
 class State(NamedTuple):
     """Constants and state of a vehicle; the arrays are changed in place.
 
