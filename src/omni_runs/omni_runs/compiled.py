@@ -194,7 +194,6 @@ def _loop(configuration: ExperimentConfiguration, driver: ScriptedDriver) -> _Lo
     for index in range(min(driver.first_change_ns // period_ns, settled), settled + 1):
         pedal[index] = driver.pedal(index * period_ns)
         command[index] = driver.command_twist(index * period_ns, start_yaw)
-    drive = configuration.vehicle.drive
     return _Loop(
         period_ns=period_ns,
         steps=simulation.steps_per_period,
@@ -204,8 +203,8 @@ def _loop(configuration: ExperimentConfiguration, driver: ScriptedDriver) -> _Lo
         hold_world=configuration.maneuver.hold_world_direction,
         start_yaw=start_yaw,
         brake_torque=configuration.vehicle.brake.max_torque,
-        clutch_threshold=drive.clutch_threshold,
-        clutch_stiffness=drive.stiffness,
+        clutch_threshold=configuration.vehicle.drive.clutch_threshold,
+        clutch_stiffness=configuration.vehicle.drive.stiffness,
         measures=configuration.brake_assist.fault_detection
         or bool(configuration.faults)
         or configuration.brake_assist.law != "sliding_mode",
@@ -332,9 +331,8 @@ def _sense(run: _Run, stamp: int) -> None:
     now_ns = stamp * loop.period_ns
     base_motion(state.body[0], state.plant.center, motion)
     velocity, held = sensors.velocity, sensors.held
-    due = velocity_sensor.samples_now(velocity, held, now_ns)
     draw = sensors.draws[min(sensors.drawn[0], sensors.draws.shape[0] - 1)]
-    sensors.drawn[0] += due
+    sensors.drawn[0] += velocity_sensor.samples_now(velocity, held, now_ns)
     scratch.taken[0] = velocity_sensor.read(velocity, held, now_ns, motion[3:6], draw, feedback)
     if loop.measures:
         tilt = state.body[0].tilt_x, state.body[0].tilt_y
@@ -343,11 +341,8 @@ def _sense(run: _Run, stamp: int) -> None:
             write_world(motion, scratch.start[0])
             path = scratch.start
         truth = Truth(stamp, loop.period_ns, path, loop.period_ns / loop.steps, tilt, state.wheels)
-        noise, imu_ns, inertial = (
-            sensors.noise[stamp % sensors.noise.shape[0]],
-            scratch.imu_ns,
-            scratch.inertial,
-        )
+        noise = sensors.noise[stamp % sensors.noise.shape[0]]
+        imu_ns, inertial = scratch.imu_ns, scratch.inertial
         readings = Readings(feedback, imu_ns, inertial, scratch.wheel_speed)
         for k in range(measure(sensors.instruments, truth, noise, readings)):
             rate, force = inertial[k, 0], inertial[k, 1:]
