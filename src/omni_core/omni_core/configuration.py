@@ -125,14 +125,11 @@ class ParameterInfo:
 
     def permits(self, value: Any) -> bool:
         """Return whether a value of the field's type is finite, within the bounds and a choice."""
-        if isinstance(value, int | float):
-            return (
-                math.isfinite(value)
-                and (self.minimum is None or value >= self.minimum)
-                and (self.maximum is None or value <= self.maximum)
-                and (self.above is None or value > self.above)
-            )
-        return self.choices is None or value in self.choices
+        if not isinstance(value, int | float):
+            return self.choices is None or value in self.choices
+        low, high = self.minimum, self.maximum
+        inside = (low is None or value >= low) and (high is None or value <= high)
+        return inside and math.isfinite(value) and (self.above is None or value > self.above)
 
     def bounds_in_words(self) -> str:
         """Return a description of the permitted range."""
@@ -421,17 +418,14 @@ def _check_names(name: str, value: Any) -> None:
 def _check_range(name: str, value: float, info: ParameterInfo) -> None:
     unit = f" {info.unit}" if info.unit else ""
     if isinstance(value, int) and not _SMALLEST_INTEGER <= value <= LARGEST_INTEGER:
-        raise ConfigurationError(
-            name,
-            f"the whole number has more than 64 bits, must be from {_SMALLEST_INTEGER} to "
-            f"{LARGEST_INTEGER}",
-        )
+        limits = f"{_SMALLEST_INTEGER} to {LARGEST_INTEGER}"
+        problem = f"the whole number has more than 64 bits, must be from {limits}"
+        raise ConfigurationError(name, problem)
     if not math.isfinite(value):
         raise ConfigurationError(name, f"{value}{unit} is not a finite number")
     if not info.permits(value):
-        raise ConfigurationError(
-            name, f"{value:.15g}{unit} is out of range, must be {info.bounds_in_words()}"
-        )
+        problem = f"{value:.15g}{unit} is out of range, must be {info.bounds_in_words()}"
+        raise ConfigurationError(name, problem)
 
 
 def _described(value: Any) -> str:

@@ -117,7 +117,8 @@ def _guarded(
     """
     index = importlib.import_module("ament_index_python.packages")
     find, evaluate = index.get_package_share_directory, xacro.safe_eval
-    extend, include, call = xacro.eval_extension, xacro.get_include_files, xacro.handle_macro_call
+    extend = xacro.eval_extension
+    include, call = xacro.get_include_files, xacro.handle_macro_call
 
     def checked_evaluate(text: str, symbols: Any, *more: Any) -> Any:
         _check(text)
@@ -151,15 +152,13 @@ def _guarded(
             xacro.replace_node(node, by=None)
             return True
 
-    functions: dict[tuple[Any, str], Any] = {
+    checked = {(xacro, "safe_eval"): checked_evaluate, (xacro, "eval_extension"): checked_extend}
+    return {
         (index, "get_package_share_directory"): find_around,
         (xacro, "get_include_files"): include_what_exists,
         (xacro, "handle_macro_call"): call_what_exists,
+        **({} if trust else checked),
     }
-    if not trust:
-        functions[xacro, "safe_eval"] = checked_evaluate
-        functions[xacro, "eval_extension"] = checked_extend
-    return functions
 
 
 def _check(expression: str) -> None:
