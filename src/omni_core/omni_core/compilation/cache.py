@@ -41,7 +41,9 @@ _PLAIN = {bool, bytes, float, int, str, type(None)}
 _DEPTH = 3  # levels of modules in modules, as in numpy.linalg
 # Stored kernels depend on the names and the code of these modules.
 _LINKAGE = hashlib.sha256(
-    b"".join(one.__name__.encode() + Path(one.__file__).read_bytes() for one in (calls, references))
+    b"".join(
+        one.__name__.encode() + Path(str(one.__file__)).read_bytes() for one in (calls, references)
+    )
 ).hexdigest()
 _KEPT_VERSIONS = 3  # versions of a kernel on disk, so that another branch need not be compiled
 

@@ -22,13 +22,13 @@ from numba.extending import (
 _C = TypeVar("_C", bound=type)
 
 
-class Reference(types.NamedTuple):  # type: ignore[misc]
+class Reference(types.NamedTuple):
     """Type of a pointer to the fields of a named tuple."""
 
     def __init__(self, kinds: Any, cls: type) -> None:
         super().__init__(kinds, cls)
-        self.name = f"reference to {self.name}"
         self.dtype = types.NamedTuple(kinds, cls)
+        self.name = f"reference to {self.dtype}"
 
 
 register_model(Reference)(models.PointerModel)
