@@ -55,7 +55,7 @@ class Group:
         if not (self.folder / "cgroup.procs").read_text():
             self.folder.rmdir()
         if code:
-            raise SystemExit(f"{self._process.args} failed with exit code {code}")
+            raise SystemExit(f"{self._process.args!r} failed with exit code {code}")
         return used
 
 
