@@ -2,20 +2,27 @@
 
 The kernels that a kernel calls are compiled before it, so their compilation does not count as its
 time. If LLVM inlines their code, however, the optimization of the inlined code counts. Run with
-``./omni exec python benchmarks/compile_kernels.py --json``.
+``./omni exec python benchmarks/compile_kernels.py --json``. With two commits as arguments,
+such as ``a41be7f2 HEAD``, it measures both with the installed packages and prints their ratio.
 """
 
+import argparse
+import io
+import json
 import os
 import subprocess
 import sys
+import tarfile
 import tempfile
 import time
 from collections import Counter
+from pathlib import Path
 from typing import Any
 
 import output
 
 _COLD = "OMNI_COLD_CACHE"  # set in the process with an empty cache
+_RATIO = 0.7  # limit on the CPU time relative to that of commit a41be7f2 [1]
 
 
 def compile_all() -> Counter[tuple[str, str]]:
@@ -48,19 +55,55 @@ def compile_all() -> Counter[tuple[str, str]]:
     return seconds
 
 
+def in_empty_cache(*, by_kernel: bool) -> output.Metrics:
+    """Return the times of this process, whose cache must be empty."""
+    times: Counter[str] = Counter()
+    for (module, kernel), seconds in compile_all().items():
+        times["cpu_time." + (f"{module}.{kernel}" if by_kernel else module)] += seconds
+    metrics: output.Metrics = {name: (seconds, "s") for name, seconds in times.most_common()}
+    metrics["cpu_time.all"] = times.total(), "s"
+    return metrics
+
+
+def of_commit(commit: str) -> float:
+    """Return the CPU time of compiling all kernels of a commit with the installed packages [s]."""
+    workspace = Path(__file__).resolve().parents[1]
+    command = ["git", "-C", str(workspace), "archive", commit]
+    archive = subprocess.run(command, check=True, capture_output=True).stdout
+    with tempfile.TemporaryDirectory() as folder, tarfile.open(fileobj=io.BytesIO(archive)) as tar:
+        tar.extractall(folder, filter="data")
+        path = os.pathsep.join([*map(str, Path(folder, "src").iterdir()), os.environ["PYTHONPATH"]])
+        done = subprocess.run(
+            [sys.executable, f"{folder}/benchmarks/{Path(__file__).name}", "--json"],
+            env={**os.environ, "PYTHONPATH": path, "OMNI_WORKSPACE": folder},
+            check=True,
+            stdout=subprocess.PIPE,
+        )
+    value: float = json.loads(done.stdout)["metrics"]["cpu_time.all"]["value"]
+    return value
+
+
 def main() -> None:
     """Compile all kernels in a process with an empty cache and print the times."""
-    options = output.options(__doc__, kernels=False)  # --kernels lists kernels, not modules
-    if _COLD not in os.environ:
+    parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n", maxsplit=1)[0])
+    parser.add_argument("commits", nargs="*", help="the earlier and the later commit")
+    parser.add_argument("--json", action="store_true", help="print one JSON document")
+    parser.add_argument("--kernels", action="store_true", help="list kernels, not modules")
+    options = parser.parse_args()
+    if options.commits:
+        before, after = map(of_commit, options.commits)
+        metrics: output.Metrics = {
+            "cpu_time.before": (before, "s"),
+            "cpu_time.all": (after, "s"),
+            "cpu_time.ratio": (after / before, "1", _RATIO),
+        }
+    elif _COLD in os.environ:
+        metrics = in_empty_cache(by_kernel=options.kernels)
+    else:
         with tempfile.TemporaryDirectory() as cache:
             environment = {**os.environ, "NUMBA_CACHE_DIR": cache, _COLD: "1"}
             command = [sys.executable, *sys.argv]
             sys.exit(subprocess.run(command, env=environment, check=False).returncode)
-    times: Counter[str] = Counter()
-    for (module, kernel), seconds in compile_all().items():
-        times["cpu_time." + (f"{module}.{kernel}" if options.kernels else module)] += seconds
-    metrics: output.Metrics = {name: (seconds, "s") for name, seconds in times.most_common()}
-    metrics["cpu_time.all"] = times.total(), "s"
     output.publish("compile_kernels", metrics, as_json=options.json)
 
 

@@ -13,7 +13,8 @@ from pathlib import Path
 import numpy as np
 import output
 
-from omni_sim.vehicle.mujoco_vehicle import build_vehicle, load_mujoco
+from omni_sim.mujoco_import import load_mujoco
+from omni_sim.vehicle.mujoco_vehicle import build_vehicle
 
 LIMITS = {"single": 300.0, "rollers": 10.0}  # minimum ratio to MuJoCo's real-time factor
 

@@ -20,9 +20,11 @@ import output
 from numpy.typing import NDArray
 
 from omni_core.sensors import LineSensor
-from omni_sim.camera.camera import CameraConfiguration, LineCameraArray
+from omni_sim.camera.camera import LineCameraArray
+from omni_sim.camera.configuration import CameraConfiguration
 from omni_sim.texture.cache import TextureCache
-from omni_sim.texture.texture import KINDS, GroundTexture, TextureConfiguration, generate_texture
+from omni_sim.texture.configuration import KINDS, TextureConfiguration
+from omni_sim.texture.texture import GroundTexture, generate_texture
 
 HEADINGS_DEG = (0, 0.05, 1, 5, 20, 33, 45, 90, 133, 200, 300)
 SENSORS = {name: output.camera(name) for name in ("generic", "lis_770i", "s3901")}

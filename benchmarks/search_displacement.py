@@ -4,7 +4,8 @@
 
 The benchmark prints medians over repeated batches of 25 lines, on one core. There are two rows for
 each number n of pixels and each bit depth: the full search over shifts up to +/- n/2 by Pearson's
-correlation, and this search with sub-pixel refinement. The last rows compare the speed of the full
+correlation, and this search with sub-pixel refinement. One row has the factor by which a window
+about the last displacement speeds up the direct search. The last rows compare the speed of the full
 search with two other methods over the same shifts: `scipy.spatial.distance.pdist`, called for every
 shift, and OpenCV's `matchTemplate` without normalization, on one thread. For `matchTemplate`, a
 batch contains the lines of a control period of 10 ms: 1024 px at 2500 lines/s, 335 px at 2985
@@ -26,7 +27,7 @@ import output
 from numpy.typing import NDArray
 from scipy.spatial.distance import pdist
 
-from linescan_odometry.matching.search import METRICS
+from linescan_odometry.matching.search import METRICS, make_search
 from linescan_odometry.matching.subpixel import SubpixelRefiner
 
 cv2: Any
@@ -89,9 +90,28 @@ def measure(repetitions: int) -> output.Metrics:
             metrics[f"search_rate.{case}"] = LINES / alone, "1/s", *limit
             (refined,) = median_times(repetitions, both)
             metrics[f"displacement_rate.{case}"] = LINES / refined, "1/s"
+    metrics |= compared_with_window(repetitions)
     metrics |= compared_with_pdist(repetitions)
     metrics |= compared_with_opencv(repetitions)
     return metrics
+
+
+def compared_with_window(repetitions: int, window: int = 16) -> output.Metrics:
+    """Return by which factor a window about the last displacement speeds up the direct search.
+
+    Args:
+        repetitions: number of repetitions.
+        window: half width of the window [px].
+    """
+    lines, limit = record(1024, LINES + 1, np.uint8), 512
+    shift, similarity = np.empty(LINES, np.int64), np.empty(LINES)
+    every, near = (make_search("manhattan", limit, width) for width in (0, window))
+    slow, fast = median_times(
+        repetitions,
+        lambda: every.match(lines, shift, similarity),
+        lambda: near.match(lines, shift, similarity),
+    )
+    return {"window_speedup.1024px": (slow / fast, "1", 2.0)}
 
 
 def compared_with_pdist(repetitions: int) -> output.Metrics:

@@ -1,7 +1,10 @@
 """Measure the size of the project: lines of code and named numbers by package, words of the pages.
 
 A line of code is a line that is not blank and not only a comment or docstring. A named number is a
-number with a capitalized name at the top of a module, as in ``_LIMIT = 0.3``. Tests do not count.
+number with a capitalized name at the top of a module, as in ``_LIMIT = 0.3``. All other numbers
+in code, such as defaults, tables and numbers in functions, count as inline numbers unless they are
+0, 1 or 2. Other lines are those of JavaScript, HTML, CSS, YAML, shell and the templates of pages.
+Tests do not count.
 A page is a Markdown file in Git other than the change log; generated pages count too. A word is
 what stands between blanks, as for ``wc -w``; the bars of a table, code and comments count as well.
 """
@@ -17,6 +20,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 WORKSPACE = Path(__file__).resolve().parents[1]
+OTHERS = (".js", ".html", ".css", ".yaml", ".yml", ".bash", ".sh", ".txt")
 PARTS = ("src", "setup", "benchmarks", "docs", ".ci", "conftest.py", "omni")
 NO_CODE = {
     *(tokenize.COMMENT, tokenize.NL, tokenize.NEWLINE),
@@ -30,7 +34,7 @@ def sources() -> Iterator[tuple[str, Path]]:
         place = WORKSPACE / part
         for path in sorted(place.rglob("*.py")) if place.is_dir() else [place]:
             parts = path.relative_to(WORKSPACE).parts
-            if "test" not in parts:
+            if "test" not in parts and not path.is_symlink():
                 yield (parts[1] if part == "src" else part), path
 
 
@@ -69,6 +73,25 @@ def constants(text: str) -> int:
     return found
 
 
+def inline_numbers(text: str) -> int:
+    """Count the numbers of a module other than 0, 1 and 2 that are not named numbers."""
+    values = (node.value for node in ast.walk(ast.parse(text)) if isinstance(node, ast.Constant))
+    found = sum(type(value) in (int, float) and value not in (0, 1, 2) for value in values)
+    return found - constants(text)
+
+
+def others() -> Iterator[tuple[str, int]]:
+    """Yield the number of lines of each file with other code, with its package or folder."""
+    listed = subprocess.run(
+        ("git", "ls-files", *PARTS), cwd=WORKSPACE, check=True, stdout=subprocess.PIPE
+    )
+    for path in map(Path, listed.stdout.decode().splitlines()):
+        if path.suffix in OTHERS and "test" not in path.parts:
+            lines = (WORKSPACE / path).read_text(encoding="utf-8").splitlines()
+            package = path.parts[1] if path.parts[0] == "src" else path.parts[0]
+            yield package, sum(bool(line.strip()) for line in lines)
+
+
 def is_number(node: ast.expr) -> bool:
     """Return whether an expression consists of numbers only."""
     if isinstance(node, ast.UnaryOp):
@@ -93,17 +116,22 @@ def main() -> None:
     parser.add_argument("--json", action="store_true", help="print one JSON document")
     as_json = parser.parse_args().json
     counts: dict[str, Counter[str]] = {
-        name: Counter() for name in ("code_lines", "constants", "files")
+        name: Counter()
+        for name in ("code_lines", "constants", "inline_numbers", "other_lines", "files")
     }
     for package, path in sources():
         text = path.read_text(encoding="utf-8")
         for name, number in (
             ("code_lines", code_lines(text)),
             ("constants", constants(text)),
+            ("inline_numbers", inline_numbers(text)),
             ("files", 1),
         ):
             counts[name][package] += number
             counts[name]["all"] += number
+    for package, number in others():
+        counts["other_lines"][package] += number
+        counts["other_lines"]["all"] += number
     if as_json:
         metrics = {
             f"{name}.{package}": {"value": number, "unit": "1"}
@@ -113,10 +141,10 @@ def main() -> None:
         metrics["words.pages"] = {"value": words(), "unit": "1"}
         print(json.dumps({"name": "size", "metrics": metrics}, indent=2))
         return
-    print(f"{'':20}" + "".join(f"{name.replace('_', ' '):>12}" for name in counts))
+    print(f"{'':20}" + "".join(f"{name.replace('_', ' '):>16}" for name in counts))
     for package in sorted(counts["files"], key=lambda name: (name == "all", name)):
-        print(f"{package:20}" + "".join(f"{n[package]:12}" for n in counts.values()))
-    print(f"{'words of pages':20}{words():12}")
+        print(f"{package:20}" + "".join(f"{n[package]:16}" for n in counts.values()))
+    print(f"{'words of pages':20}{words():16}")
 
 
 if __name__ == "__main__":

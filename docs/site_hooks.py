@@ -1,4 +1,4 @@
-"""Links from the documentation to files of the workspace, for the site.
+"""Links from the documentation to files of the workspace, for the site that starts with README.md.
 
 A page may link to a module, a configuration or the README of a package. The site contains these
 files below ``source/``, READMEs as pages and all others as text, so that it can be read without
@@ -25,9 +25,10 @@ _ROOT = Path(__file__).resolve().parent.parent
 _LINK = re.compile(r"\[([^\]\[]*)\]\(([^)\s#]+)((?:#[^)\s]*)?)\)")
 _SOURCE = "source"
 _PICTURES = (".png", ".svg", ".jpg")
-_GLOSSARY, _INTERFACE = "glossary.md", "api.md"
+_START, _GLOSSARY, _INTERFACE = "index.md", "glossary.md", "api.md"
+_README = _ROOT / "README.md"  # the first page of the site
 _ROW = re.compile(r"^\|(?: \[`([\w.]+)`\])?.*$", re.M)  # may name an object of Python
-_LISTS = ("index.md", "options.md", "parameters.md", _INTERFACE, "dissertation.md")  # no prose
+_LISTS = (_START, "options.md", "parameters.md", _INTERFACE, "dissertation.md")  # no prose
 _linked_terms: set[str] = set()  # anchors of the terms to which a page links
 
 
@@ -36,12 +37,13 @@ def on_files(files: Files, config: Any) -> Files:
     for notebook in sorted((_ROOT / "docs").rglob("*.ipynb")):
         uri = notebook.relative_to(_ROOT / "docs").with_suffix(".md").as_posix()
         files.append(File.generated(config, uri, content=_as_page(notebook)))
+    files.append(File.generated(config, _START, content=_README.read_bytes()))
     navigation = Path(config["config_file_path"]).read_text(encoding="utf-8")
     named = [_ROOT / place for place in re.findall(rf"{_SOURCE}/(\S+)", navigation)]
     for place in named:
         files.append(_brought(place, config))
     waiting = [Path(file.abs_src_path) for file in files.documentation_pages() if file.abs_src_path]
-    waiting += named
+    waiting += [*named, _README]
     seen: set[Path] = set(waiting)
     while waiting:
         page = waiting.pop()
@@ -73,6 +75,7 @@ def on_page_markdown(markdown: str, page: Any, config: Any, files: Files) -> str
     if uri == _INTERFACE:
         markdown = _ROW.sub(lambda row: f"::: {row[1]}\n" if row[1] else "", markdown)
     place = _ROOT / (uri.removeprefix(f"{_SOURCE}/") if uri.startswith(_SOURCE) else f"docs/{uri}")
+    place = _README if uri == _START else place
 
     def pointed(match: re.Match[str]) -> str:
         words, link, anchor = match.groups()
@@ -101,6 +104,8 @@ def _within_docs(target: Path) -> bool:
 
 
 def _uri(target: Path) -> str:
+    if target == _README:
+        return _START
     if _within_docs(target):
         return target.relative_to(_ROOT / "docs").as_posix()
     plain = "" if target.suffix in (".md", *_PICTURES) else ".txt"

@@ -23,23 +23,25 @@ from omni_studies import page_numbers
 from omni_studies.dissertation import STATUSES, chapters, page
 
 GENERATED = {"dissertation.md", "options.md", "parameters.md"}
-# Decimals that are settings, definitions, limits of studies or values of data sheets, by page.
+# Decimals that are settings, definitions, limits of studies or values of data sheets, by page
+# or by the folder of its feature.
 SETTINGS = {
     "allocation.md": "0.15 s, 0.3 deg",
-    "beside_a_safety_system.md": "0.3 m/s, 0.5 m/s",
+    "drive": "0.3 s",
     "extending.md": "0.1 s",
     "glossary.md": "0.05 m/s",
-    "identification.md": "0.01 s, 0.05 rad/s, 0.2 m, 0.3 m/s, 0.5 kg",
+    "identification": "0.01 s, 0.05 rad/s, 0.2 m, 0.3 m/s, 0.5 kg",
     "line_cameras.md": "0.4 times",
-    "line_scan_sensor.md": "0.05 m/s, 0.25 px, 0.7 px, 25.6 mm",
+    "line_scan_sensor.md": "0.05 m/s, 0.3 m/s, 0.5 m/s, 0.7 m/s, 0.3 s, 0.25 px, 0.7 px, 25.6 mm",
     "metrics.md": "0.05 m/s, 0.3 s, 0.5 s, 1.5 px",
     "notes.md": "0.71 m",
     "performance.md": "0.2 s, 0.3 s, 0.5 ms, 1.5 times",
+    "placement": "0.71 m, 1.6 m",
     "real_vehicle.md": "0.1 s",
     "robustness.md": "0.1 %, 0.4 m",
     "safety.md": "0.01 rad/s, 0.1 s, 0.5 m/s^2",
     "sensor_models.md": "0.14 deg",
-    "sensor_placement.md": "0.71 m, 1.6 m",
+    "stopping_area": "0.3 m/s, 0.5 m/s",
     "which_sensor.md": "0.74 m/s, 1.14 m/s, 2.5 m/s, 7.4 rad/s",
 }
 
@@ -80,7 +82,7 @@ def test_numbers_of_studies_are_filled() -> None:
 
 
 def test_each_template_is_of_one_table_of_a_page() -> None:
-    patterns = ("README.md", "docs/*.md", "benchmarks/*.md", "src/*/README.md")
+    patterns = ("README.md", "docs/*.md", "benchmarks/*.md", "src/**/README.md")
     pages = " ".join(
         page.read_text("utf-8") for pattern in patterns for page in WORKSPACE.glob(pattern)
     )
@@ -111,8 +113,8 @@ def test_measured_numbers_are_not_typed() -> None:
     """Decimals with a unit are in filled blocks, except settings, definitions and data sheets."""
     unit = r"(?:m/s\^2|m/s|rad/s|mm|ms|px|deg|kg|m|s|%|times)"
     found = {
-        (page.name, number)
-        for pattern in ("README.md", "docs/*.md", "docs/tutorials/*.md")
+        (page.parent.name if page.name == "README.md" else page.name, number)
+        for pattern in ("README.md", "docs/**/*.md", "src/*/*/*/README.md")
         for page in WORKSPACE.glob(pattern)
         if page.name not in GENERATED
         for number in re.findall(rf"\d+\.\d+ {unit}(?!\w)", prose(page.read_text("utf-8")))
@@ -135,7 +137,7 @@ def lines_of_pages() -> list[tuple[str, str]]:
     exempt = re.compile(r"<!-- .*?-->|^ *```.*?^ *```|^[|!].*?$", re.DOTALL | re.MULTILINE)
     return [
         (page.name, line)
-        for pattern in ("*.md", "docs/**/*.md", "src/*/README.md", "b*/README.md")
+        for pattern in ("*.md", "docs/**/*.md", "src/**/README.md", "b*/README.md")
         for page in WORKSPACE.glob(pattern)
         if page.name not in GENERATED
         for line in exempt.sub("", page.read_text("utf-8")).splitlines()

@@ -18,7 +18,7 @@ PAGES = (
     "CONTRIBUTING.md",
     "docs/*.md",
     "docs/tutorials/*.md",
-    "src/*/README.md",
+    "src/**/README.md",
     "bags/README.md",
     "benchmarks/README.md",
 )
@@ -27,7 +27,7 @@ _OF_THE_LAUNCHER = ("exec", "install", "test")
 _ELSEWHERE = {  # pages that a test follows word for word
     "docs/tutorials/your_vehicle.md": "test_tutorial.py",
     "docs/real_vehicle.md": "test_real_vehicle.py",
-    "docs/robot_files.md": "test_real_vehicle.py",
+    "src/omni_tools/omni_tools/robot_files/README.md": "test_real_vehicle.py",
     "docs/extending.md": "test_extending.py",
 }
 _NOT_HERE = {  # beginning of a command, and why it is not run here

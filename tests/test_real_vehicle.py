@@ -38,7 +38,7 @@ from omni_tools.vehicles.estimates import Measured, write_vehicle
 from omni_vehicle.brake_adapter import BrakeAdapterConfiguration
 
 PAGE = WORKSPACE / "docs/real_vehicle.md"
-FILES_PAGE = WORKSPACE / "docs/robot_files.md"
+FILES_PAGE = WORKSPACE / "src/omni_tools/omni_tools/robot_files/README.md"
 COVARIANCE = np.diag([1e-4, 1e-4, 1e-4])
 
 

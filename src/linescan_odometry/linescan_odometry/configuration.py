@@ -3,8 +3,6 @@
 import math
 from collections.abc import Mapping
 
-from linescan_odometry.matching.search import METRICS
-from linescan_odometry.matching.subpixel import FEWEST_PIXELS
 from linescan_odometry.twist.least_squares import KinematicsConfiguration, check_placement
 from omni_core.configuration import (
     Configuration,
@@ -18,6 +16,12 @@ from omni_core.sensors import FlowSensor, LineSensor, Mount
 
 METHODS = ("joint", "pairs")
 """Names of the methods that estimate displacements."""
+
+METRIC_NAMES = ("pearson", "euclidean", "squared_euclidean", "manhattan", "spearman", "cosine")
+"""Names of the similarity metrics of the method `pairs`, the keys of `matching.search.METRICS`."""
+
+FEWEST_PIXELS = 32
+"""Minimum overlap of two lines for a refinement of their shift [px]."""
 
 _SKEWEST = 30.0  # deg; limit on the angle between camera axis and axis of rotation
 _ROUNDING = 1e-6  # deg; error of this angle due to rounding of sine and arcsine
@@ -65,7 +69,7 @@ class OdometryConfiguration(Configuration):
     """Method that estimates displacements: `joint` maximizes the likelihood of whole batches and
     estimates the camera's fixed pattern at the same time; `pairs` uses only line pairs and the
     median filter of section 4.6"""
-    metric: str = parameter("pearson", choices=tuple(METRICS))
+    metric: str = parameter("pearson", choices=METRIC_NAMES)
     """Similarity metric of lines (section 4.3.2), for the method `pairs`"""
     shift_divisor: float = parameter(2.0, minimum=1.1, maximum=64.0)
     """Divisor k of the limit on the shift between two lines, n / k, where n is the number of

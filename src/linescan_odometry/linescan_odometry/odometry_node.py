@@ -14,8 +14,9 @@ from geometry_msgs.msg import TwistWithCovarianceStamped
 from rclpy.node import Node
 from sensor_msgs.msg import CameraInfo, JointState
 
+from linescan_odometry.configuration import OdometryConfiguration
 from linescan_odometry.measurements import FlowReading, SensorReading
-from linescan_odometry.odometry import OdometryConfiguration, TwistEstimate
+from linescan_odometry.odometry import TwistEstimate
 from linescan_odometry.port import OdometryPort
 from linescan_odometry.sideslip import SideslipEstimate, angles
 from omni_core import topics

@@ -5,66 +5,20 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Iterable, Iterator, Mapping
-from typing import Any, Protocol
 
 import numpy as np
 
 from linescan_odometry.configuration import OdometryConfiguration
 from linescan_odometry.measurements import TwistEstimate
 from linescan_odometry.odometry import LineScanOdometry
+from linescan_odometry.own_odometry import Odometry, own_odometry
 from linescan_odometry.sideslip import SideslipEstimate, WheelSideslip
-from omni_core.plugins import load_class, make_part
-from omni_core.signals import Flow, LineBatch, TwistSample
-
-ODOMETRY_GROUP = "linescan_odometry.odometries"
-"""Group of entry points in which an installed package registers odometry classes by name."""
+from omni_core.signals import Flow, LineBatch
 
 _ANGLES = 16
 """Number of steering angles that are kept; a batch is between two of the newest ones"""
 _PATIENCE_NS = 15_000_000
 """Time by which another sensor may be ahead before a group stops waiting [ns]."""
-
-
-_Steering = Mapping[str, tuple[float, float]]
-
-
-class Odometry(Protocol):
-    """Interface of an odometry estimator."""
-
-    def match(self, name: str, batch: LineBatch) -> None:
-        """Start to process a batch of one camera; the next `update` receives the same batch."""
-
-    def update(
-        self, batches: Mapping[str, LineBatch | Flow], steering: _Steering | None = None
-    ) -> TwistEstimate:
-        """Return the twist estimated from the measurements since the last update.
-
-        `steering` is given only if cameras are on steered carriers: mean angle [rad] and rate
-        [rad/s] of each carrier during the batch, keyed by wheel.
-        """
-
-    def warm_up(self) -> None:
-        """Compile or load all kernels of the estimator, so that the first update is fast."""
-
-
-class _OwnOdometry:
-    """Wrapper of a user's odometry class, which needs only the method ``update``."""
-
-    def __init__(self, odometry: Any) -> None:
-        self._odometry = odometry
-
-    def match(self, name: str, batch: LineBatch) -> None:
-        pass
-
-    def update(
-        self, batches: Mapping[str, LineBatch | Flow], steering: _Steering | None = None
-    ) -> TwistEstimate:
-        inputs = (batches,) if steering is None else (batches, steering)
-        twist: TwistSample = self._odometry.update(*inputs)
-        return TwistEstimate(twist.stamp_ns, twist.value, twist.covariance, True, {})
-
-    def warm_up(self) -> None:
-        pass
 
 
 def make_odometry(name: str, configuration: OdometryConfiguration) -> Odometry:
@@ -77,10 +31,7 @@ def make_odometry(name: str, configuration: OdometryConfiguration) -> Odometry:
     Raises:
         ConfigurationError: the class does not exist, or cannot be imported or created.
     """
-    if not name:
-        return LineScanOdometry(configuration)
-    cls = load_class("feedback", name, (), ODOMETRY_GROUP, "update")
-    return _OwnOdometry(make_part("feedback", name, cls, configuration))
+    return own_odometry(name, configuration) if name else LineScanOdometry(configuration)
 
 
 class BatchCollector:

@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from linescan_odometry.configuration import SideslipWheel
+from linescan_odometry.configuration import OdometryConfiguration, SideslipWheel
 from linescan_odometry.measurements import SensorReading, TwistEstimate
-from linescan_odometry.odometry import LineScanOdometry, OdometryConfiguration
+from linescan_odometry.odometry import LineScanOdometry
 from linescan_odometry.port import OdometryPort
 from linescan_odometry.sideslip import (
     SideslipConfiguration,

@@ -13,6 +13,7 @@ from omni_brake_assist.laws import allocation, allocation_state, built_in
 from omni_brake_assist.laws.law import Motion
 from omni_brake_assist.monitors import brake_monitor, effect_monitor
 from omni_core.geometry import PlatformGeometry
+from omni_core.kernels import by_reference
 from omni_core.quantities import SECOND_NS, FloatArray, IntArray
 from omni_core.signals import ImuSample, TwistSample, WheelSample
 
@@ -41,6 +42,7 @@ _VALVE = np.dtype(
 )
 
 
+@by_reference
 class Constants(NamedTuple):
     """Constants of the compiled step of the brake assistant.
 
@@ -86,6 +88,7 @@ class Constants(NamedTuple):
     dwell: float
 
 
+@by_reference
 class Memory(NamedTuple):
     """State of the brake assistant between two steps; `new_memory` creates it.
 
@@ -178,8 +181,9 @@ def make_constants(
 ) -> Constants:
     """Return the constants of the compiled step for a configuration and wheel geometry."""
     center, geometry = geometry.center, geometry.seen_from(geometry.center)
-    x, y = configuration.imu_x - center[0], configuration.imu_y - center[1]
-    configuration = dataclasses.replace(configuration, imu_x=float(x), imu_y=float(y))
+    if np.any(center):
+        x, y = configuration.imu_x - center[0], configuration.imu_y - center[1]
+        configuration = dataclasses.replace(configuration, imu_x=float(x), imu_y=float(y))
     r_x, r_y = np.ascontiguousarray(geometry.position.T)
     return Constants(
         fail_safe.make_limits(configuration, float(np.max(np.hypot(r_x, r_y)))),

@@ -17,7 +17,7 @@ from omni_brake_assist.filter_bank.bank import estimate
 from omni_brake_assist.laws import built_in, law
 from omni_brake_assist.monitors import brake_monitor, effect_monitor
 from omni_core.kernels import inlined, kernel, lean, lean_inline, linked
-from omni_core.quantities import FloatArray
+from omni_core.quantities import FloatArray, Pair, Triple
 from omni_core.signals import MISSING, UNMEASURED_VARIANCE, VALID, TwistSample
 
 
@@ -68,6 +68,22 @@ def receive(constants: Constants, memory: Memory, inputs: Inputs) -> tuple[bool,
 @inlined
 def _receive(constants: Constants, memory: Memory, inputs: Inputs) -> tuple[bool, law.Motion]:
     """Compute the result of `receive`; kernels of this module can inline this function."""
+    ready, first, dt, twist, across, failed = _check_and_estimate(constants, memory, inputs)
+    (v_x, v_y, yaw_rate), (p_x, p_y) = twist, across
+    pedal, speeds = inputs.pedal, memory.law_speeds
+    return ready, law.Motion(first, dt, v_x, v_y, yaw_rate, p_x, p_y, pedal, speeds, failed)
+
+
+@lean
+def _check_and_estimate(
+    constants: Constants, memory: Memory, inputs: Inputs
+) -> tuple[bool, bool, float, Triple, Pair, int]:
+    """Do the work of `receive`.
+
+    Returns:
+        Whether the law is to be called; and values of `law.Motion`: `first`, `dt`, velocity and yaw
+        rate, direction perpendicular to the line of motion, and `failed_brake`.
+    """
     step, line = memory.step[0], memory.line[0]
     feedback = _twist_of_center(constants, memory, inputs.feedback)
     braking = inputs.pedal >= constants.pedal_threshold
@@ -115,9 +131,8 @@ def _receive(constants: Constants, memory: Memory, inputs: Inputs) -> tuple[bool
     ready = braking and good and gate_open
     first = not step.assisting
     step.assisting = ready or (step.assisting and braking)
-    p_x, p_y = braking_line.perpendicular(line)
-    failed, pedal, speeds = step.dead - 1, inputs.pedal, memory.law_speeds
-    return ready, law.Motion(first, dt, v_x, v_y, yaw_rate, p_x, p_y, pedal, speeds, failed)
+    across = braking_line.perpendicular(line)
+    return ready, first, dt, (v_x, v_y, yaw_rate), across, step.dead - 1
 
 
 @inlined
@@ -152,7 +167,7 @@ def _store_twist(constants: Constants, memory: Memory, received: TwistSample) ->
         covariance[2, 2] = UNMEASURED_VARIANCE
 
 
-@inlined
+@lean
 def _read_sensors(constants: Constants, memory: Memory, inputs: Inputs, braking: bool) -> bool:
     """Store wheel speeds and IMU reading; store NaN for values that are old or implausible.
 
@@ -191,7 +206,7 @@ def _is_recent(now_ns: int, timeout_ns: int, validity: int, stamp_ns: int) -> bo
     return bool(validity == VALID and abs(since(now_ns, stamp_ns)) <= timeout_ns)
 
 
-@inlined
+@lean
 def _estimate_motion(
     constants: Constants,
     memory: Memory,
@@ -242,7 +257,7 @@ def _estimate_motion(
     )
 
 
-@inlined
+@lean
 def _watch(
     constants: Constants,
     memory: Memory,
@@ -304,7 +319,7 @@ def act(
     return int(outcome)
 
 
-@inlined
+@lean
 def _outcome(
     constants: Constants,
     memory: Memory,

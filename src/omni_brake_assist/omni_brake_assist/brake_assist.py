@@ -33,7 +33,8 @@ from omni_brake_assist import assist_state, assist_step, conditions, fail_safe, 
 from omni_brake_assist.assist_state import Inputs, LawCall
 from omni_brake_assist.conditions import CONDITIONS, GOOD, UNREADABLE, AssistState, Decision, Fault
 from omni_brake_assist.configuration import BrakeAssistConfiguration
-from omni_brake_assist.laws.law import NO_HELP, call_law, own_law
+from omni_brake_assist.laws.law import NO_HELP, call_law
+from omni_brake_assist.laws.own_law import own_law
 from omni_brake_assist.sources import Source, sources
 from omni_core.kinematics import PlatformKinematics
 from omni_core.quantities import FloatArray

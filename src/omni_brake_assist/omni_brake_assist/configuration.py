@@ -3,7 +3,6 @@
 import math
 from collections.abc import Mapping
 
-from omni_brake_assist.weighting import WEIGHTINGS, check_tuning_constant
 from omni_core.brakes import BrakeConfiguration
 from omni_core.configuration import Configuration, ConfigurationError, parameter, section
 from omni_core.geometry import WheelMount
@@ -22,6 +21,9 @@ ms even on a slow computer."""
 MOST_STEPS = 10_000
 """Limit on the number of control steps for which the filters wait for a late twist. Each step goes
 through the readings of all of them, which takes less than 1 ms."""
+
+WEIGHTINGS = ("zero", "cosine", "enhanced")
+"""Weightings psi of the parallel component; `weighting` has their equations."""
 
 LAW_GROUP = "omni_brake_assist.laws"
 """Group of entry points in which an installed package registers control laws by name."""
@@ -191,3 +193,9 @@ class BrakeAssistConfiguration(Configuration):
             require_omni_wheels(self.wheels, f"the law {self.law} (unless enabled is false)")
         if self.fault_detection:
             require_omni_wheels(self.wheels, "fault_detection")
+
+
+def check_tuning_constant(k: int) -> None:
+    """Raise ValueError unless k is an odd positive integer, as Eq. (59) requires."""
+    if k < 1 or k % 2 == 0:
+        raise ValueError(f"{k} is not an odd positive whole number, as Eq. (59) needs: 1, 3, 5, 7")

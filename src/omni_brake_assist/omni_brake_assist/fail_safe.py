@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from omni_brake_assist import conditions
 from omni_brake_assist.configuration import BrakeAssistConfiguration
-from omni_core.kernels import lean
+from omni_core.kernels import by_reference, lean
 from omni_core.quantities import SECOND_NS, FloatArray, IntArray
 from omni_core.signals import MISSING, VALID, TwistSample
 
@@ -46,6 +46,7 @@ GATE_STATE = np.dtype(
 """Data type of the gate's memory, which `new_gate` creates."""
 
 
+@by_reference
 class Limits(NamedTuple):
     """Limits within which a twist is valid, from the fields of `BrakeAssistConfiguration`.
 

@@ -11,10 +11,10 @@ import math
 
 import numpy as np
 
+from omni_brake_assist.configuration import WEIGHTINGS, check_tuning_constant
 from omni_core.kernels import lean
 from omni_core.quantities import FloatArray
 
-WEIGHTINGS = ("zero", "cosine", "enhanced")
 ZERO, COSINE, ENHANCED = range(3)  # numbers of the weightings
 
 
@@ -59,12 +59,6 @@ class Weighting:
         """Return the weights [1] for angles [rad] from 0 to pi/2 in an array of any shape."""
         weights = [psi(self.kind, self.k, angle) for angle in np.ravel(delta).tolist()]
         return np.array(weights).reshape(np.shape(delta))
-
-
-def check_tuning_constant(k: int) -> None:
-    """Raise ValueError unless k is an odd positive integer, as Eq. (59) requires."""
-    if k < 1 or k % 2 == 0:
-        raise ValueError(f"{k} is not an odd positive whole number, as Eq. (59) needs: 1, 3, 5, 7")
 
 
 def weighting_function(name: str, k: int) -> Weighting:

@@ -7,7 +7,8 @@ import math
 import numpy as np
 import pytest
 
-from omni_brake_assist.weighting import WEIGHTINGS, weighting_function
+from omni_brake_assist.configuration import WEIGHTINGS
+from omni_brake_assist.weighting import weighting_function
 
 ANGLES = np.linspace(0.0, math.pi / 2, 91)
 

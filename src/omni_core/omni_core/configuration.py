@@ -123,16 +123,19 @@ class ParameterInfo:
                 return words
         raise TypeError(f"{cls.__name__}.{name} has no description")
 
+    def permits(self, value: Any) -> bool:
+        """Return whether a value of the field's type is finite, within the bounds and a choice."""
+        if not isinstance(value, int | float):
+            return self.choices is None or value in self.choices
+        low, high = self.minimum, self.maximum
+        inside = (low is None or value >= low) and (high is None or value <= high)
+        return inside and math.isfinite(value) and (self.above is None or value > self.above)
+
     def bounds_in_words(self) -> str:
         """Return a description of the permitted range."""
         unit = f" {self.unit}" if self.unit else ""
-        words = []
-        if self.above is not None:
-            words.append(f"above {self.above:g}")
-        if self.minimum is not None:
-            words.append(f"at least {self.minimum:g}")
-        if self.maximum is not None:
-            words.append(f"at most {self.maximum:g}")
+        bounds = {"above": self.above, "at least": self.minimum, "at most": self.maximum}
+        words = [f"{word} {bound:g}" for word, bound in bounds.items() if bound is not None]
         return " and ".join(words) + unit
 
 
@@ -196,7 +199,8 @@ class Configuration:
             if without_none(kind) is float and type(value) is int:
                 value = _convert(value, float, name)  # an integer such as 1 is accepted as 1.0
                 object.__setattr__(self, name, value)
-            _check_value(name, value, kind, info)
+            if type(value) is not kind or kind is int or not info.permits(value):
+                _check_value(name, value, kind, info)
         self.check_consistency()
 
     def check_consistency(self) -> None:
@@ -388,8 +392,7 @@ def _check_value(name: str, value: Any, kind: Any, info: ParameterInfo) -> None:
         for index, entry in enumerate(value):
             _check_value(f"{name}[{index}]", entry, item, info)
         return
-    element = element_configuration(kind)
-    if element is not None:
+    if element_configuration(kind) is not None:
         _check_names(name, value)
         return
     if isinstance(kind, types.UnionType) or not isinstance(kind, type):
@@ -415,22 +418,14 @@ def _check_names(name: str, value: Any) -> None:
 def _check_range(name: str, value: float, info: ParameterInfo) -> None:
     unit = f" {info.unit}" if info.unit else ""
     if isinstance(value, int) and not _SMALLEST_INTEGER <= value <= LARGEST_INTEGER:
-        raise ConfigurationError(
-            name,
-            f"the whole number has more than 64 bits, must be from {_SMALLEST_INTEGER} to "
-            f"{LARGEST_INTEGER}",
-        )
+        limits = f"{_SMALLEST_INTEGER} to {LARGEST_INTEGER}"
+        problem = f"the whole number has more than 64 bits, must be from {limits}"
+        raise ConfigurationError(name, problem)
     if not math.isfinite(value):
         raise ConfigurationError(name, f"{value}{unit} is not a finite number")
-    outside = (
-        (info.minimum is not None and value < info.minimum)
-        or (info.maximum is not None and value > info.maximum)
-        or (info.above is not None and value <= info.above)
-    )
-    if outside:
-        raise ConfigurationError(
-            name, f"{value:.15g}{unit} is out of range, must be {info.bounds_in_words()}"
-        )
+    if not info.permits(value):
+        problem = f"{value:.15g}{unit} is out of range, must be {info.bounds_in_words()}"
+        raise ConfigurationError(name, problem)
 
 
 def _described(value: Any) -> str:

@@ -8,7 +8,10 @@ even in a tuple; its caller provides all arrays. A kernel that creates arrays is
 `kernel` and should be short. The largest kernels are also declared as `linked`.
 """
 
+import contextlib
 import functools
+import importlib
+import sys
 from collections.abc import Callable
 from typing import Any, TypeVar, cast
 
@@ -16,8 +19,9 @@ import numba
 
 from omni_core.compilation.calls import linked
 from omni_core.compilation.patches import patch_numba
+from omni_core.compilation.references import by_reference
 
-__all__ = ["declares", "inlined", "kernel", "lean", "lean_inline", "linked", "njit"]
+__all__ = ["by_reference", "declares", "inlined", "kernel", "lean", "lean_inline", "linked", "njit"]
 
 _F = TypeVar("_F", bound=Callable[..., Any])
 
@@ -25,6 +29,21 @@ njit = numba.njit
 """Decorator of numba; importing it from this module activates the cache of `compilation.cache`."""
 
 patch_numba()
+
+
+def _load_transforms() -> None:
+    """Import `rocket_fft` without scipy.fft, which no kernel uses; that import takes 0.3 s.
+
+    numba would import it with the first kernel, in each process.
+    """
+    hidden = sys.modules.setdefault("scipy.fft", None) is None  # type: ignore[arg-type]
+    with contextlib.suppress(ImportError):
+        importlib.import_module("rocket_fft")
+    if hidden:
+        del sys.modules["scipy.fft"]
+
+
+_load_transforms()
 
 
 def declares(

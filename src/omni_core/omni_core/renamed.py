@@ -5,21 +5,21 @@ import sys
 import warnings
 from collections.abc import Mapping, Sequence
 from importlib.machinery import ModuleSpec
-from types import ModuleType
+from types import CodeType, ModuleType
 
 
 class _Renamed:
     """Finder and loader that give a module of a renamed package under its old name."""
 
-    def __init__(self, names: Mapping[str, str]) -> None:
-        self._names = names
+    def __init__(self, package: str, names: Mapping[str, str]) -> None:
+        self._package, self._names = package, names
 
     def find_spec(
         self, name: str, _path: Sequence[str] | None = None, _target: ModuleType | None = None
     ) -> ModuleSpec | None:
         """Return a spec for an old name; None for every other name."""
-        package = name.partition(".")[0]
-        return ModuleSpec(name, self, is_package=False) if package in self._names else None  # type: ignore[arg-type]
+        known = name == self._package or name.startswith(f"{self._package}.")
+        return ModuleSpec(name, self, origin=name) if known else None  # type: ignore[arg-type]
 
     def create_module(self, _spec: ModuleSpec) -> None:
         """Let Python create a module, which `exec_module` replaces."""
@@ -27,23 +27,34 @@ class _Renamed:
     def exec_module(self, module: ModuleType) -> None:
         """Replace a module by the module with the new name, so that each class exists once."""
         old = module.__name__
-        above = next(part for part in _above(old) if part in self._names)
-        sys.modules[old] = importlib.import_module(self._names[above] + old.removeprefix(above))
+        new = sys.modules[old] = importlib.import_module(self._new(old))
+        if not hasattr(new, "__path__"):  # else the longer names are those of its modules
+            for name in self._names:
+                above, _, attribute = name.rpartition(".")
+                if above == old:
+                    place, _, renamed = self._names[name].rpartition(".")
+                    setattr(new, attribute, getattr(importlib.import_module(place), renamed))
 
+    def get_code(self, name: str) -> CodeType:
+        """Return a program that runs a module with the new name, for ``python -m``."""
+        text = f"import runpy; runpy.run_module({self._new(name)!r}, run_name='__main__')"
+        return compile(text, name, "exec")
 
-def _above(name: str) -> list[str]:
-    """Return a dotted name and the names of all packages above it, the longest name first."""
-    parts = name.split(".")
-    return [".".join(parts[:count]) for count in range(len(parts), 0, -1)]
+    def _new(self, old: str) -> str:
+        """Return the new name of a module."""
+        parts = old.split(".")
+        names = (".".join(parts[:count]) for count in range(len(parts), 0, -1))
+        above = next(name for name in names if name in self._names)
+        return self._names[above] + old.removeprefix(above)
 
 
 def forward_imports(package: str, names: Mapping[str, str]) -> None:
-    """Warn that a package has a new name, and import its modules under their new names.
+    """Warn that a package or module has a new name, and import it and its modules under this name.
 
     Args:
-        package: old name of the package.
-        names: new names of the package and of modules that are in another place, keyed by the old
-            names.
+        package: old name of the package or module, which calls this function.
+        names: new names of the package, and of modules and their contents that are in another
+            place, keyed by the old names.
     """
     warnings.warn(
         f"{package} is now {names[package]}, and the old name will be removed with the next "
@@ -51,4 +62,5 @@ def forward_imports(package: str, names: Mapping[str, str]) -> None:
         FutureWarning,
         stacklevel=3,
     )
-    sys.meta_path.insert(0, _Renamed(names))
+    sys.meta_path.insert(0, _Renamed(package, names))
+    sys.modules[package] = importlib.import_module(names[package])

@@ -141,6 +141,9 @@ ROBOT_DESCRIPTION = Topic(
     "robot_description", "std_msgs/msg/String", "simulator", latched=True, recorded=False
 )
 
+WITH_TWIST = {one.name: one for one in (TWIST, VELOCITY_SENSOR, GROUND_TRUTH)}
+"""Topics from which a tool can take the measured twist, keyed by name."""
+
 DECLARED = tuple(one for one in tuple(vars().values()) if isinstance(one, Topic))
 """All topics except those of single sensors and of the user's nodes, in the order of recording."""
 

@@ -55,5 +55,6 @@ def start_node(module: str) -> None:
 
 def main() -> None:
     """Run the node that belongs to the started executable."""
-    (entry,) = entry_points(group=NODES, name=Path(sys.argv[0]).name)
+    # A renamed package and the new one may both declare the executable, of the same module.
+    entry, *_ = entry_points(group=NODES, name=Path(sys.argv[0]).name)
     start_node(entry.module)

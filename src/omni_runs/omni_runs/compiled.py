@@ -18,8 +18,9 @@ from numpy.typing import NDArray
 from omni_brake_assist import assist_state, assist_step
 from omni_brake_assist.conditions import GOOD
 from omni_brake_assist.imu_integration import add_reading, end_step, new_integral
-from omni_brake_assist.laws.law import NO_HELP, Law, call_law, own_law
-from omni_core.kernels import inlined, lean
+from omni_brake_assist.laws.law import NO_HELP, Law, call_law
+from omni_brake_assist.laws.own_law import own_law
+from omni_core.kernels import by_reference, inlined, lean
 from omni_core.quantities import BoolArray, FloatArray, IntArray
 from omni_core.signals import MISSING, VALID, ImuSample, TwistSample, WheelSample
 from omni_runs.experiment import ExperimentConfiguration
@@ -29,8 +30,7 @@ from omni_sim.driver.scripted import ScriptedDriver
 from omni_sim.ground.friction import FrictionMap
 from omni_sim.imu import write_world
 from omni_sim.measurement import Instruments, Readings, Truth, build_instruments, draws, measure
-from omni_sim.vehicle import dynamics
-from omni_sim.vehicle.dynamics import base_motion, energies, in_turned_frame
+from omni_sim.vehicle.dynamics import advance, base_motion, energies, in_turned_frame
 from omni_sim.vehicle.state import Control, State
 from omni_sim.vehicle.vehicle import Vehicle
 
@@ -42,6 +42,7 @@ start of the run [ns], the true twist [m/s, m/s, rad/s], shape (3,), and the mea
 _CHUNK = 512  # number of stamps per call and per chunk of noise
 
 
+@by_reference
 class _Record(NamedTuple):
     """Arrays that a run fills stamp by stamp, for at most T control stamps and N wheels.
 
@@ -81,6 +82,7 @@ class FastRun(RunHistory):
     tipping_steps: int
 
 
+@by_reference
 class _Loop(NamedTuple):
     """Inputs of the loop kernel except vehicle and law; T is the limit on the number of stamps."""
 
@@ -100,6 +102,7 @@ class _Loop(NamedTuple):
     end: run_progress.End
 
 
+@by_reference
 class _Sensors(NamedTuple):
     """Sensors with their state and noise.
 
@@ -191,7 +194,6 @@ def _loop(configuration: ExperimentConfiguration, driver: ScriptedDriver) -> _Lo
     for index in range(min(driver.first_change_ns // period_ns, settled), settled + 1):
         pedal[index] = driver.pedal(index * period_ns)
         command[index] = driver.command_twist(index * period_ns, start_yaw)
-    drive = configuration.vehicle.drive
     return _Loop(
         period_ns=period_ns,
         steps=simulation.steps_per_period,
@@ -201,8 +203,8 @@ def _loop(configuration: ExperimentConfiguration, driver: ScriptedDriver) -> _Lo
         hold_world=configuration.maneuver.hold_world_direction,
         start_yaw=start_yaw,
         brake_torque=configuration.vehicle.brake.max_torque,
-        clutch_threshold=drive.clutch_threshold,
-        clutch_stiffness=drive.stiffness,
+        clutch_threshold=configuration.vehicle.drive.clutch_threshold,
+        clutch_stiffness=configuration.vehicle.drive.stiffness,
         measures=configuration.brake_assist.fault_detection
         or bool(configuration.faults)
         or configuration.brake_assist.law != "sliding_mode",
@@ -237,6 +239,7 @@ def _sensors(configuration: ExperimentConfiguration, stamps: int) -> _Sensors:
     )
 
 
+@by_reference
 class _Scratch(NamedTuple):
     """Buffers for the values of one control stamp, for N wheels."""
 
@@ -273,6 +276,7 @@ def _new_scratch(configuration: ExperimentConfiguration, instruments: Instrument
     )
 
 
+@by_reference
 class _Run(NamedTuple):
     """State of a run of the fast loop in progress."""
 
@@ -319,7 +323,7 @@ def _run_part(run: _Run, first: int, last: int, done: int, pauses: bool) -> tupl
     return last, run_progress.RUNNING
 
 
-@inlined
+@lean
 def _sense(run: _Run, stamp: int) -> None:
     """Simulate the sensors at a stamp, and record the motion and the feedback."""
     state, sensors, loop, scratch = run.state, run.sensors, run.loop, run.scratch
@@ -327,9 +331,8 @@ def _sense(run: _Run, stamp: int) -> None:
     now_ns = stamp * loop.period_ns
     base_motion(state.body[0], state.plant.center, motion)
     velocity, held = sensors.velocity, sensors.held
-    due = velocity_sensor.samples_now(velocity, held, now_ns)
     draw = sensors.draws[min(sensors.drawn[0], sensors.draws.shape[0] - 1)]
-    sensors.drawn[0] += due
+    sensors.drawn[0] += velocity_sensor.samples_now(velocity, held, now_ns)
     scratch.taken[0] = velocity_sensor.read(velocity, held, now_ns, motion[3:6], draw, feedback)
     if loop.measures:
         tilt = state.body[0].tilt_x, state.body[0].tilt_y
@@ -338,11 +341,8 @@ def _sense(run: _Run, stamp: int) -> None:
             write_world(motion, scratch.start[0])
             path = scratch.start
         truth = Truth(stamp, loop.period_ns, path, loop.period_ns / loop.steps, tilt, state.wheels)
-        noise, imu_ns, inertial = (
-            sensors.noise[stamp % sensors.noise.shape[0]],
-            scratch.imu_ns,
-            scratch.inertial,
-        )
+        noise = sensors.noise[stamp % sensors.noise.shape[0]]
+        imu_ns, inertial = scratch.imu_ns, scratch.inertial
         readings = Readings(feedback, imu_ns, inertial, scratch.wheel_speed)
         for k in range(measure(sensors.instruments, truth, noise, readings)):
             rate, force = inertial[k, 0], inertial[k, 1:]
@@ -401,7 +401,7 @@ def _run_own(law: Law, run: _Run, first: int, last: int) -> tuple[int, int]:
     return stamp, outcome
 
 
-@inlined
+@lean
 def _record_and_advance(run: _Run, stamp: int) -> int:
     """Record the state at a stamp, and advance the vehicle unless the run has ended.
 
@@ -429,7 +429,7 @@ def _record_and_advance(run: _Run, stamp: int) -> int:
     return outcome
 
 
-@inlined
+@lean
 def _advance(state: State, loop: _Loop, scratch: _Scratch, stamp: int, yaw: float) -> None:
     """Advance the vehicle by one control period, as `Simulator.advance` does.
 
@@ -447,4 +447,4 @@ def _advance(state: State, loop: _Loop, scratch: _Scratch, stamp: int, yaw: floa
     torque = pedal * loop.brake_torque
     stiffness = loop.clutch_stiffness if pedal < loop.clutch_threshold else 0.0
     control = Control(torque, scratch.enable, stiffness, twist, loop.hold_world, 0.0, 0.0, height)
-    dynamics.advance(state, control, scratch.steps, scratch.trajectory)
+    advance(state, control, scratch.steps, scratch.trajectory)

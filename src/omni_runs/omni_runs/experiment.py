@@ -21,7 +21,7 @@ from omni_runs import yaml_files
 from omni_runs.demands import read_demands
 from omni_runs.experiment_configuration import ExperimentConfiguration
 from omni_sim.configuration import SimulationConfiguration
-from omni_sim.tire.tire import TireConfiguration
+from omni_sim.tire.interface.configuration import TireConfiguration
 from omni_sim.vehicle.configuration import VehicleConfiguration
 
 __all__ = [

@@ -2,15 +2,15 @@
 
 from collections.abc import Iterable
 
-from linescan_odometry.odometry import OdometryConfiguration
-from linescan_odometry.port import ODOMETRY_GROUP, make_odometry
+from linescan_odometry.configuration import OdometryConfiguration
+from linescan_odometry.own_odometry import ODOMETRY_GROUP, own_odometry
 from linescan_odometry.twist.least_squares import check_placement
 from omni_brake_assist.configuration import LAWS, BrakeAssistConfiguration
-from omni_brake_assist.laws.law import own_law
+from omni_brake_assist.laws.own_law import own_law
 from omni_core import geometry, plugins
 from omni_core.configuration import ConfigurationError, parameter
 from omni_sim.configuration import SimulatorConfiguration
-from omni_sim.vehicle.mujoco_vehicle import load_mujoco
+from omni_sim.mujoco_import import load_mujoco
 
 FEEDBACKS = ("optical", "velocity_sensor")
 """Built-in sources of the twist for the brake assistant."""
@@ -116,7 +116,7 @@ class ExperimentConfiguration(SimulatorConfiguration):
             load_mujoco()
         own_law(self.brake_assist, geometry.PlatformGeometry.from_wheels(self.brake_assist.wheels))
         if self.own_odometry:
-            make_odometry(self.own_odometry, self.odometry)
+            own_odometry(self.own_odometry, self.odometry)
         odometry = self.odometry
         axle = odometry.kinematics.axle
         if self.feedback != "optical" or axle is None:

@@ -8,7 +8,7 @@ from omni_core.configuration import ConfigurationError
 from omni_runs.experiment import ExperimentConfiguration
 from omni_sim.camera.footprint.padding import check_footprints
 from omni_sim.texture.cache import TextureCache
-from omni_sim.texture.texture import PICTURE, TextureConfiguration
+from omni_sim.texture.configuration import PICTURE, TextureConfiguration
 
 _SUFFIXES = (".png", ".tif", ".tiff", ".jpg", ".jpeg", ".bmp", ".ppm", ".pgm", ".webp")
 

@@ -12,7 +12,8 @@ import numpy as np
 from omni_core.quantities import plain
 from omni_core.sensors import OVERLAP, LineSensor, Mount, heading_remarks
 from omni_runs.experiment import ExperimentConfiguration, ExperimentLibrary
-from omni_sim.driver.scripted import ManeuverConfiguration, ScriptedDriver
+from omni_sim.driver.configuration import ManeuverConfiguration
+from omni_sim.driver.scripted import ScriptedDriver
 from omni_sim.vehicle.configuration import VehicleConfiguration
 from omni_sim.vehicle.plausibility import vehicle_remarks, wheel_facts
 

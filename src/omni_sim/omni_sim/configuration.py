@@ -11,18 +11,19 @@ from omni_core.configuration import (
 )
 from omni_core.quantities import CONTROL_PERIOD, SECOND_NS
 from omni_core.sensors import FlowSensor, LineSensor
-from omni_sim.camera.camera import CameraConfiguration
+from omni_sim.camera.configuration import CameraConfiguration
 from omni_sim.camera.optics import check_exposure
-from omni_sim.driver.scripted import ManeuverConfiguration
-from omni_sim.encoders import EncoderConfiguration
-from omni_sim.faults import FaultConfiguration
+from omni_sim.driver.configuration import ManeuverConfiguration
 from omni_sim.flow_sensor import FlowConfiguration, check_flow_sensors
-from omni_sim.ground.elevation import ElevationConfiguration
-from omni_sim.ground.friction import FrictionPatch
-from omni_sim.imu import ImuConfiguration
-from omni_sim.texture.texture import TextureConfiguration
+from omni_sim.ground.configuration import ElevationConfiguration, FrictionPatch
+from omni_sim.sensor_configuration import (
+    EncoderConfiguration,
+    FaultConfiguration,
+    ImuConfiguration,
+    VelocitySensorConfiguration,
+)
+from omni_sim.texture.configuration import TextureConfiguration
 from omni_sim.vehicle.configuration import VehicleConfiguration
-from omni_sim.velocity_sensor import VelocitySensorConfiguration
 
 
 class GroundConfiguration(Configuration):
@@ -128,6 +129,9 @@ class SimulatorConfiguration(Configuration):
                     f"{self.simulation.control_period:g} s",
                 )
         self._check_carriers()
+        for name, fault in self.camera.faults.items():
+            if fault.camera:
+                check_choice(f"camera.faults.{name}.camera", fault.camera, self.sensors)
         check_exposure(self.sensors, self.camera)
         check_flow_sensors(self.flow_sensors, self.flow, self.simulation.control_period)
         if self.imu.rate * self.simulation.physics_step > 1.0:

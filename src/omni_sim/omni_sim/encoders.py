@@ -11,19 +11,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from omni_core.configuration import Configuration, parameter
 from omni_core.kernels import lean
 from omni_core.quantities import FloatArray
+from omni_sim.sensor_configuration import EncoderConfiguration
 from omni_sim.vehicle.state import Structured
-
-
-class EncoderConfiguration(Configuration):
-    """Resolution and noise of the wheel encoders; ideal encoders by default."""
-
-    resolution: int = parameter(0, minimum=0, maximum=100_000_000)
-    """Counts per wheel revolution (0: infinite resolution)"""
-    noise: float = parameter(0.0, unit="rad/s", minimum=0.0, maximum=100.0)
-    """Standard deviation of the noise of a measured wheel speed"""
 
 
 class Encoders(NamedTuple):

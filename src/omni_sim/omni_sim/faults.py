@@ -24,18 +24,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from omni_core.configuration import Configuration, ConfigurationError, parameter
-from omni_core.kernels import kernel, lean
+from omni_core.configuration import ConfigurationError
+from omni_core.kernels import by_reference, kernel, lean
 from omni_core.quantities import SECOND_NS, FloatArray, IntArray
-
-CHANNELS = ("twist", "gyro", "accelerometer", "encoder")
-"""Channels: velocity sensor, gyro, accelerometer and wheel encoders."""
-
-KINDS = (
-    *("offset", "drift", "ramp", "scale", "sine", "noise", "sign", "drop_out", "zero", "stuck"),
-    *("stuck_noise", "delay", "swap", "echo", "square", "quantized"),
-)
-"""Kinds of faults."""
+from omni_sim.sensor_configuration import CHANNELS, KINDS, FaultConfiguration
 
 TWIST, GYRO, ACCELEROMETER, ENCODER = range(len(CHANNELS))
 (_OFFSET, _DRIFT, _RAMP, _SCALE, _SINE, _NOISE, _SIGN, _DROP_OUT, _ZERO, _STUCK, _STUCK_NOISE,
@@ -50,26 +42,7 @@ _STUCK_NOISE_DEVIATION = 1e-9
 _ROUNDING = 1e-6  # share of half a period that rounding of times may cause [1]
 
 
-class FaultConfiguration(Configuration):
-    """One fault of one sensor."""
-
-    channel: str = parameter(choices=CHANNELS)
-    """Channel that is faulty"""
-    kind: str = parameter(choices=KINDS)
-    """Kind of the fault; omni_sim/faults.py contains the equation of each kind"""
-    axis: int = parameter(-1, minimum=-1, maximum=63)
-    """Axis of the channel, or index of the wheel; -1 for all axes or wheels"""
-    time: float = parameter(0.0, unit="s", minimum=0.0, maximum=3600.0)
-    """Onset of the fault"""
-    duration: float = parameter(3600.0, unit="s", above=0.0, maximum=3600.0)
-    """Duration of the fault"""
-    amplitude: float = parameter(0.0, minimum=-1000.0, maximum=1000.0)
-    """Size ``a`` in the unit of the channel; in this unit per second for the fault `drift`, and
-    without unit for `scale` and `echo`"""
-    period: float = parameter(0.1, unit="s", above=0.0, maximum=3600.0)
-    """Duration ``T`` of the fault `ramp`, period of `sine` and `square`, or length of `delay`"""
-
-
+@by_reference
 class Faults(NamedTuple):
     """Faults of a run and their state, for K faults and W values in the widest channel.
 

@@ -18,59 +18,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from omni_core.configuration import Configuration, parameter
-from omni_core.kernels import kernel, lean
+from omni_core.kernels import by_reference, kernel, lean
 from omni_core.quantities import GRAVITY, SECOND_NS, FloatArray, IntArray
+from omni_sim.sensor_configuration import ImuConfiguration
 
 IMU_DRAWS = 3
 """Number of standard normal values that a reading needs."""
 
-_AVERAGED = 0.01  # time over which the configured noise is averaged [s]
 
-
-class ImuConfiguration(Configuration):
-    """Mounting and errors of the IMU; the defaults describe a good MEMS unit.
-
-    No error may exceed the largest usual measuring ranges of such units, 2000 deg/s and 16 g.
-    """
-
-    enabled: bool = parameter(True)
-    """Whether the vehicle has an IMU"""
-    rate: float = parameter(0.0, unit="Hz", minimum=0.0, maximum=1.0e5)
-    """Number of readings per second, at most one in each physics step; 0 for one reading at every
-    control stamp"""
-    x: float = parameter(0.0, unit="m", minimum=-100.0, maximum=100.0)
-    """Mounting position, forward of base_link"""
-    y: float = parameter(0.0, unit="m", minimum=-100.0, maximum=100.0)
-    """Mounting position, left of base_link"""
-    misalignment_deg: float = parameter(0.2, unit="deg", minimum=-180.0, maximum=180.0)
-    """Error of the mounting angle about the vertical axis"""
-    gyro_bias: float = parameter(0.005, unit="rad/s", minimum=-35.0, maximum=35.0)
-    """Bias of the yaw rate"""
-    gyro_noise: float = parameter(0.003, unit="rad/s", minimum=0.0, maximum=35.0)
-    """Standard deviation of the white noise of the yaw rate in the mean over 10 ms"""
-    gyro_scale: float = parameter(0.002, minimum=-0.9, maximum=10.0)
-    """Scale error of the yaw rate"""
-    bias_x: float = parameter(0.05, unit="m/s^2", minimum=-160.0, maximum=160.0)
-    """Bias of the accelerometer's x axis"""
-    bias_y: float = parameter(-0.05, unit="m/s^2", minimum=-160.0, maximum=160.0)
-    """Bias of the accelerometer's y axis"""
-    noise: float = parameter(0.05, unit="m/s^2", minimum=0.0, maximum=160.0)
-    """Standard deviation of the white noise of each accelerometer axis in the mean over 10 ms"""
-    scale: float = parameter(0.003, minimum=-0.9, maximum=10.0)
-    """Scale error of both accelerometer axes"""
-    latency: float = parameter(0.0, unit="s", minimum=0.0, maximum=0.2)
-    """Latency of a reading, rounded to the time between two readings"""
-
-    def period_ns(self, control_period_ns: int) -> int:
-        """Return the time between two readings for a given control period [ns]."""
-        return round(SECOND_NS / self.rate) if self.rate > 0.0 else control_period_ns
-
-    def noise_factor(self, control_period_ns: int) -> float:
-        """Return the noise of a reading divided by the configured noise [1]."""
-        return math.sqrt(_AVERAGED * SECOND_NS / self.period_ns(control_period_ns))
-
-
+@by_reference
 class Imu(NamedTuple):
     """Constants and state of the IMU, in the form that the kernel uses.
 

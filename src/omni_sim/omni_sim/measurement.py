@@ -6,7 +6,7 @@ program draws the rows one by one or all at once.
 
 from typing import NamedTuple
 
-from omni_core.kernels import lean
+from omni_core.kernels import by_reference, lean
 from omni_core.quantities import SECOND_NS, FloatArray, IntArray
 from omni_sim import faults as sensor_faults
 from omni_sim.configuration import SimulatorConfiguration
@@ -15,6 +15,7 @@ from omni_sim.imu import IMU_DRAWS, Imu, build_imu, is_due, read_imu
 from omni_sim.vehicle.state import Structured
 
 
+@by_reference
 class Instruments(NamedTuple):
     """Constants and state of a vehicle's IMU, encoders and sensor faults."""
 

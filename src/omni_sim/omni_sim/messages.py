@@ -16,7 +16,7 @@ from omni_core.geometry import WheelMount
 from omni_core.quantities import GRAVITY, FloatArray
 from omni_ros.messages import BASE_FRAME, WORLD_FRAME, stamped
 from omni_sim.configuration import SimulatorConfiguration
-from omni_sim.imu import ImuConfiguration
+from omni_sim.sensor_configuration import ImuConfiguration
 from omni_sim.simulator import Observation
 
 # Colors that color-blind people can distinguish (Okabe and Ito).

@@ -18,7 +18,7 @@ from omni_core.quantities import FloatArray
 from omni_core.topics import Topic
 from omni_ros import process, qos
 from omni_ros.messages import planar_pose_of
-from omni_sim.driver.scripted import FARTHEST
+from omni_sim.driver.configuration import FARTHEST
 
 _POSE = Topic("initialpose", "geometry_msgs/msg/PoseWithCovarianceStamped", "user's node")
 _SHOWN = 40  # number of characters of a frame ID that a message shows

@@ -122,6 +122,7 @@ class SimulatorNode(Node):
         if not self.configuration.vehicle.is_steered:
             declared.remove(topics.STEERING)
         own = {one: advertise(self, one) for one in (*declared, *lines, *flows)}
+        self._plain = tuple(one for one in own if one.is_plain)
         infos = {one: advertise(self, one) for one in map(topics.camera_info, cameras)}
         self._advertised = own | infos
         self._reported_limits: frozenset[str] = frozenset()
@@ -163,11 +164,7 @@ class SimulatorNode(Node):
             self._publish(clock, Clock(clock=messages.to_time(stamp_ns)))
         for name, flow in observation.flows.items():
             self._send(topics.flow(name), flow_message(name, flow))
-        plain = {
-            topic: messages.packed(topic, observation, self._wheels)
-            for topic in self._advertised
-            if topic.is_plain
-        }
+        plain = {topic: messages.packed(topic, observation, self._wheels) for topic in self._plain}
         wheels = plain.pop(topics.WHEEL_STATES)
         self._send(topics.WHEEL_STATES, wheels)
         if self.configuration.imu.enabled:

@@ -10,48 +10,16 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from omni_core.configuration import Configuration, parameter
-from omni_core.kernels import lean
+from omni_core.kernels import by_reference, lean
 from omni_core.quantities import SECOND_NS, FloatArray
 from omni_core.signals import TwistSample
+from omni_sim.sensor_configuration import VelocitySensorConfiguration
 
 # Lower limit on the reported standard deviation, for sensors with little noise [m/s], [rad/s].
 SMALLEST_DEVIATION = 1e-4
 
-FAILURES = ("none", "frozen", "zero", "invalid")
-"""Kinds of faults: no fault, or the sensor repeats its last reading, reads 0, or reads NaN."""
 
-
-class VelocitySensorConfiguration(Configuration):
-    """Sampling and errors of the velocity sensor; without noise or offset by default."""
-
-    sample_time: float = parameter(0.01, unit="s", minimum=1.0e-6, maximum=10.0)
-    """Time between samples; between them, the last sample is repeated"""
-    linear_noise: float = parameter(0.0, minimum=0.0, maximum=10.0)
-    """Half width of the uniform noise of v_x and v_y, as a share of the true value"""
-    yaw_rate_noise: float = parameter(0.0, minimum=0.0, maximum=10.0)
-    """Half width of the uniform noise of the yaw rate, as a share of the true value"""
-    offset_x: float = parameter(0.0, unit="m/s", minimum=-50.0, maximum=50.0)
-    """Constant error of v_x"""
-    offset_y: float = parameter(0.0, unit="m/s", minimum=-50.0, maximum=50.0)
-    """Constant error of v_y"""
-    yaw_rate_offset: float = parameter(0.0, unit="rad/s", minimum=-50.0, maximum=50.0)
-    """Constant error of the yaw rate"""
-    failure: str = parameter("none", choices=FAILURES)
-    """Fault: `frozen` repeats the last reading, `zero` reads 0, `invalid` reads NaN"""
-    failure_time: float = parameter(0.0, unit="s", minimum=0.0, maximum=3600.0)
-    """Time at which the fault begins"""
-    failure_duration: float = parameter(3600.0, unit="s", above=0.0, maximum=3600.0)
-    """Duration of the fault"""
-
-    @property
-    def failure_ns(self) -> tuple[int, int]:
-        """Start and end of the fault [ns]; both are equal if the sensor has no fault."""
-        start = round(self.failure_time * SECOND_NS)
-        fails = self.failure != "none"
-        return start, start + (round(self.failure_duration * SECOND_NS) if fails else 0)
-
-
+@by_reference
 class SensorConstants(NamedTuple):
     """Constants of the sensor for the kernel; see `VelocitySensorConfiguration`.
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from omni_core.signals import ImuSample
-from omni_sim.imu import ImuConfiguration
 from omni_sim.messages import imu_message
+from omni_sim.sensor_configuration import ImuConfiguration
 
 
 def test_a_unit_at_rest_measures_gravity_upwards() -> None:

@@ -8,9 +8,16 @@ import pytest
 
 from omni_core.configuration import ConfigurationError
 from omni_core.quantities import GRAVITY, FloatArray
-from omni_sim.encoders import EncoderConfiguration, build_encoders, read_encoders
-from omni_sim.faults import CHANNELS, KINDS, FaultConfiguration, build_faults, corrupt
-from omni_sim.imu import ImuConfiguration, build_imu, read_imu, write_world
+from omni_sim.encoders import build_encoders, read_encoders
+from omni_sim.faults import build_faults, corrupt
+from omni_sim.imu import build_imu, read_imu, write_world
+from omni_sim.sensor_configuration import (
+    CHANNELS,
+    KINDS,
+    EncoderConfiguration,
+    FaultConfiguration,
+    ImuConfiguration,
+)
 from omni_sim.vehicle.state import WHEEL
 
 PERIOD, PERIOD_NS = 0.01, 10_000_000

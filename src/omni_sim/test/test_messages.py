@@ -14,8 +14,8 @@ from omni_sim.configuration import (
     SimulationConfiguration,
     SimulatorConfiguration,
 )
-from omni_sim.driver.scripted import ManeuverConfiguration
-from omni_sim.ground.friction import FrictionPatch
+from omni_sim.driver.configuration import ManeuverConfiguration
+from omni_sim.ground.configuration import FrictionPatch
 from omni_sim.messages import ground_truth, scene_markers, wheel_forces
 from omni_sim.simulator import Simulator
 from omni_sim.vehicle.configuration import VehicleConfiguration

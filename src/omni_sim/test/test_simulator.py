@@ -13,19 +13,20 @@ import yaml
 
 from omni_core.configuration import ConfigurationError, from_mapping
 from omni_core.sensors import LineSensor
-from omni_sim.camera.camera import CameraConfiguration, LineCameraArray
+from omni_sim.camera.camera import LineCameraArray
+from omni_sim.camera.configuration import CameraConfiguration
 from omni_sim.configuration import (
     GroundConfiguration,
     SimulationConfiguration,
     SimulatorConfiguration,
 )
-from omni_sim.driver.scripted import ManeuverConfiguration
+from omni_sim.driver.configuration import ManeuverConfiguration
 from omni_sim.run_progress import RunProgress
+from omni_sim.sensor_configuration import VelocitySensorConfiguration
 from omni_sim.simulator import Simulator
 from omni_sim.texture.cache import TextureCache
-from omni_sim.texture.texture import TextureConfiguration
+from omni_sim.texture.configuration import TextureConfiguration
 from omni_sim.vehicle.configuration import VehicleConfiguration
-from omni_sim.velocity_sensor import VelocitySensorConfiguration
 
 CONFIG = Path(__file__).resolve().parents[3] / "config"
 SMALL_GROUND = GroundConfiguration(texture=TextureConfiguration(kind="cork", size=0.1, texels=1024))

@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from omni_sim.velocity_sensor import VelocitySensor, VelocitySensorConfiguration
+from omni_sim.sensor_configuration import VelocitySensorConfiguration
+from omni_sim.velocity_sensor import VelocitySensor
 
 MILLISECOND = 1_000_000
 TWIST = np.array([2.0, -1.0, 0.5])

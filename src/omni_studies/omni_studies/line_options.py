@@ -3,13 +3,14 @@
 from pathlib import Path
 from typing import Any
 
-from linescan_odometry.matching.search import METRICS
+from linescan_odometry.configuration import METRIC_NAMES
 from omni_core.commands.command_options import option
 from omni_core.configuration import Configuration, ConfigurationError, parameter
 from omni_runs.experiment import ExperimentLibrary
 from omni_runs.ground_choice import ground_overrides, is_picture
 from omni_sim.texture.cache import TextureCache
-from omni_sim.texture.texture import KINDS, GroundTexture
+from omni_sim.texture.configuration import KINDS
+from omni_sim.texture.texture import GroundTexture
 
 _EXPERIMENT = "straight_line"  # base of the experiment; only its ground is changed
 _DPI = 1200.0
@@ -36,7 +37,7 @@ class LineOptions(Configuration):
     """Options of a study: grounds, similarity metric, number of line pairs, noise and seed."""
 
     ground: tuple[str, ...] = kinds_option("cork")
-    metric: str = parameter("pearson", choices=tuple(METRICS))
+    metric: str = parameter("pearson", choices=METRIC_NAMES)
     """similarity metric of the search for displacements"""
     pairs: int = pairs_option(20)
     noise: float = noise_option()

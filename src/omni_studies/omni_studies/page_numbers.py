@@ -51,7 +51,7 @@ PICTURE_NUMBERS = "omni numbers"
 
 _PLACE = re.compile(r"\{(?:(\w+):)?([a-z]\w*\.[\w.]+?)(?::([^{}]*))?\}")
 _BLOCK = re.compile(r"(<!-- numbers: ((\w+)[.\w]*) -->\n).*?(<!-- /numbers -->)", re.DOTALL)
-_PAGES = ("README.md", "docs/*.md", "benchmarks/*.md", "src/*/README.md")
+_PAGES = ("README.md", "docs/*.md", "benchmarks/*.md", "src/**/README.md")
 
 
 class Place(NamedTuple):

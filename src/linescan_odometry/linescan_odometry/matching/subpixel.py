@@ -33,9 +33,6 @@ from omni_core.kernels import declares, kernel
 from omni_core.quantities import Float32Array, FloatArray, IntArray
 from omni_core.signals import Lines
 
-FEWEST_PIXELS = 32
-"""Minimum overlap of two lines for a refinement of their shift [px]."""
-
 _RADIUS = 4  # px; radius of the FIR filter, 4.1 sigma at the largest shift
 _TAPS = 2 * _RADIUS + 1
 _STEPS = 2

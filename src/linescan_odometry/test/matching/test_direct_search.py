@@ -10,6 +10,7 @@ import pytest
 import scipy  # loads scipy.stats at its first use
 from scipy.spatial import distance
 
+from linescan_odometry.configuration import METRIC_NAMES
 from linescan_odometry.matching.search import METRICS, ShiftSearch, make_search
 from linescan_odometry.matching.subpixel import SubpixelRefiner
 
@@ -46,7 +47,7 @@ def search(finder: ShiftSearch, lines: Any) -> tuple[Any, Any]:
 
 
 def test_every_metric_has_its_direct_evaluation() -> None:
-    assert set(DIRECT) == set(METRICS)
+    assert set(DIRECT) == set(METRICS) == set(METRIC_NAMES)
 
 
 @pytest.mark.parametrize("metric", METRICS)

@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from linescan_odometry.odometry import LineScanOdometry, OdometryConfiguration, TwistEstimate
+from linescan_odometry.configuration import OdometryConfiguration
+from linescan_odometry.odometry import LineScanOdometry, TwistEstimate
 from linescan_odometry.port import BatchCollector
 from linescan_odometry.twist.least_squares import KinematicsConfiguration, TwistSolver
 from omni_core.configuration import ConfigurationError

@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from linescan_odometry.configuration import OdometryConfiguration
 from linescan_odometry.measurements import TwistEstimate
-from linescan_odometry.odometry import LineScanOdometry, OdometryConfiguration
+from linescan_odometry.odometry import LineScanOdometry
 from linescan_odometry.twist.least_squares import TwistSolver
 from omni_core.sensors import LineSensor, sensor_matrix
 from omni_core.signals import LineBatch

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from omni_brake_assist.configuration import BrakeAssistConfiguration
 from omni_core.geometry import PlatformGeometry
-from omni_core.kernels import lean
+from omni_core.kernels import by_reference, lean
 from omni_core.quantities import FloatArray, IntArray
 from omni_core.signals import VALID, TwistSample
 
@@ -93,6 +93,7 @@ class Readings(NamedTuple):
     age: float = 0.0
 
 
+@by_reference
 class BankConstants(NamedTuple):
     """Constants of the filter bank.
 
@@ -179,6 +180,7 @@ class BankConstants(NamedTuple):
     velocity_deviation: float = 0.4
 
 
+@by_reference
 class BankMemory(NamedTuple):
     """State of the filter bank between two steps; R is `BankConstants.rows`.
 

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from omni_brake_assist.laws.box_least_squares import Box
 from omni_brake_assist.laws.wheel_model import NominalBrake
+from omni_core.kernels import by_reference
 from omni_core.quantities import FloatArray
 
 CASCADE = 2.0
@@ -53,6 +54,7 @@ BODY = np.dtype(
 )
 
 
+@by_reference
 class Constants(NamedTuple):
     """Constants of the law `allocation`: parameters of the law, the vehicle and the brakes.
 
@@ -101,6 +103,7 @@ class Constants(NamedTuple):
     locked_share: float
 
 
+@by_reference
 class Memory(NamedTuple):
     """State of the law `allocation` between two steps.
 

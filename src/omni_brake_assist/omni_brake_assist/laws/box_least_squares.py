@@ -14,13 +14,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from omni_core.kernels import lean
+from omni_core.kernels import by_reference, lean
 from omni_core.quantities import FloatArray, IntArray
 
 _FREE, _LOW, _HIGH = range(3)
 _TOLERANCE = 1e-9  # tolerance for rounding errors of a multiplier [1]
 
 
+@by_reference
 class Box(NamedTuple):
     """A problem with R rows and M unknowns of the order of 1, with working memory.
 

@@ -6,12 +6,13 @@ from omni_brake_assist.configuration import LAWS, MOST_VALVES, BrakeAssistConfig
 from omni_brake_assist.laws import allocation, allocation_state, sliding_mode
 from omni_brake_assist.laws.law import HELD, NO_HELP, NO_WHEEL, Motion
 from omni_core.geometry import PlatformGeometry
-from omni_core.kernels import lean
+from omni_core.kernels import by_reference, lean
 from omni_core.quantities import FloatArray
 
 SLIDING_MODE, ALLOCATION = range(2)
 
 
+@by_reference
 class LawConstants(NamedTuple):
     """Constants of all built-in laws. One compiled kernel contains all of these laws.
 

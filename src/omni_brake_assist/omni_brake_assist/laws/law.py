@@ -11,10 +11,7 @@ import sys
 import traceback
 from typing import NamedTuple, Protocol
 
-from omni_brake_assist.configuration import LAW_GROUP, LAWS, BrakeAssistConfiguration
-from omni_core.geometry import PlatformGeometry
 from omni_core.kernels import lean
-from omni_core.plugins import load_class, make_part
 from omni_core.quantities import FloatArray
 
 # Results of a law. ASSIST: apply the enables. NO_HELP: put all brakes on, because releasing some of
@@ -130,21 +127,3 @@ def _show(law: Law, event: str, details: str) -> None:
         name = f"{type(law).__module__}:{type(law).__qualname__}"
         sentence = f"control law {name} {event}, so all brakes are on (shown once):"
         print(sentence + details, file=sys.stderr, flush=True)
-
-
-def own_law(configuration: BrakeAssistConfiguration, geometry: PlatformGeometry) -> Law | None:
-    """Return the user's law that a configuration names; None for a built-in law.
-
-    Args:
-        configuration: configuration of the assistant.
-        geometry: wheels of the vehicle.
-
-    Raises:
-        ConfigurationError: the law does not exist, or it cannot be imported or created.
-    """
-    if configuration.law in LAWS:
-        return None
-    cls = load_class("law", configuration.law, LAWS, LAW_GROUP, "step")
-    centered = geometry.seen_from(geometry.center)
-    made: Law = make_part("law", configuration.law, cls, configuration, centered)
-    return made

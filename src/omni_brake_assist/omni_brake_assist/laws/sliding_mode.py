@@ -35,10 +35,11 @@ from omni_brake_assist.configuration import BrakeAssistConfiguration
 from omni_brake_assist.laws.law import ASSIST, NO_HELP, Motion
 from omni_brake_assist.weighting import ZERO, Weighting, psi, weighting_function
 from omni_core.geometry import PlatformGeometry
-from omni_core.kernels import kernel, lean
+from omni_core.kernels import by_reference, kernel, lean
 from omni_core.quantities import FloatArray
 
 
+@by_reference
 class Manifold(NamedTuple):
     """Constants of the error functions of N wheels.
 

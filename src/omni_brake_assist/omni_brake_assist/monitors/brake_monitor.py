@@ -25,7 +25,7 @@ from omni_brake_assist.configuration import BrakeAssistConfiguration
 from omni_brake_assist.filter_bank.state import RELEASED, SHARE, WHEEL
 from omni_brake_assist.laws.law import NO_WHEEL
 from omni_core.geometry import PlatformGeometry
-from omni_core.kernels import lean
+from omni_core.kernels import by_reference, lean
 from omni_core.quantities import FloatArray
 
 _LEAST = 0.15  # smallest share of the full pressure that can cause sliding [1]
@@ -36,6 +36,7 @@ _ROLLS, _SLIDES = 2.5, 9.0
 _SLIDE_VALIDITY = 0.5  # time for which detected sliding of any wheel remains valid [s]
 
 
+@by_reference
 class BrakeConstants(NamedTuple):
     """Constants of the brake monitor.
 

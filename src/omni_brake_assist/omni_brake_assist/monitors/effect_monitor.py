@@ -37,7 +37,7 @@ from numpy.typing import NDArray
 from omni_brake_assist.configuration import BrakeAssistConfiguration
 from omni_brake_assist.filter_bank.state import least_loss
 from omni_core.geometry import PlatformGeometry
-from omni_core.kernels import lean
+from omni_core.kernels import by_reference, lean
 from omni_core.quantities import FloatArray
 
 _LEDGER = np.dtype(
@@ -65,6 +65,7 @@ _SETTLED = 0.6  # share of the final step response at which a low-pass becomes v
 _LITTLE = 0.3
 
 
+@by_reference
 class EffectConstants(NamedTuple):
     """Constants of the effect monitor.
 

@@ -12,8 +12,9 @@ from hypothesis import strategies as st
 from reference_equations import force_directions, sliding_velocities
 
 from omni_brake_assist.assist_step import fastest_wheel
+from omni_brake_assist.configuration import WEIGHTINGS
 from omni_brake_assist.laws.sliding_mode import SlidingManifold
-from omni_brake_assist.weighting import WEIGHTINGS, weighting_function
+from omni_brake_assist.weighting import weighting_function
 from omni_core.geometry import PlatformGeometry, WheelMount, cross
 from omni_core.kinematics import PlatformKinematics
 from omni_core.quantities import FloatArray

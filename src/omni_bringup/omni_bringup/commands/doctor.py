@@ -5,7 +5,9 @@ exit code is 1 if any check fails.
 """
 
 import contextlib
+import csv
 import importlib
+import multiprocessing
 import os
 import platform
 import shutil
@@ -15,6 +17,7 @@ import sys
 import tempfile
 from collections.abc import Callable
 from functools import partial
+from importlib import metadata
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +28,10 @@ from omni_core.commands.command_report import Report
 from omni_runs.workspace import ExperimentWorkspace
 
 WORK = "checking"
+
+_PACKAGES = ("numpy", "numba", "llvmlite", "scipy", "matplotlib", "PyYAML", "rosbags")
+_AGAIN = "delete .venv and start again"
+_PATIENCE = 30.0  # time within which two nodes must exchange messages [s]
 
 
 class Options(CommandOptions):
@@ -74,73 +81,57 @@ def _python(_: Path) -> str:
 
 
 def _packages(_: Path) -> str:
-    for name in ("numpy", "scipy", "matplotlib", "yaml", "rosbags", "omni_sim"):
-        _imported(name)
-    return f"numba {_imported('numba').__version__} and all other packages are installed"
+    versions = {name: _complete(name) for name in _PACKAGES}
+    return f"numba {versions['numba']} and all other packages are installed"
 
 
-def _imported(name: str) -> Any:
+def _complete(name: str) -> str:
+    """Return the version of an installed package after a check of the sizes of its files.
+
+    Importing all packages would take more time than all other checks.
+    """
     try:
-        return importlib.import_module(name)
-    except Exception as error:
-        raise TroubleError(
-            f"{name} cannot be imported ({error}); delete .venv and start again"
-        ) from None
+        package = metadata.distribution(name)
+    except metadata.PackageNotFoundError:
+        raise TroubleError(f"{name} is not installed; {_AGAIN}") from None
+    for path, _, size in csv.reader((package.read_text("RECORD") or "").splitlines()):
+        file = str(package.locate_file(path))
+        if size and (not os.path.exists(file) or os.path.getsize(file) != int(size)):
+            raise TroubleError(f"{name} is incomplete ({file}); {_AGAIN}")
+    return package.version
 
 
 def _ros(_: Path) -> str:
-    path = _imported("rclpy").__file__ or ""
+    try:
+        path = importlib.import_module("rclpy").__file__ or ""
+    except Exception as error:
+        raise TroubleError(f"rclpy cannot be imported ({error}); {_AGAIN}") from None
     source = "from the wheels" if path.startswith(sys.prefix) else "sourced"
     middleware = os.environ.get("RMW_IMPLEMENTATION", "the default middleware")
     return f"{os.environ.get('ROS_DISTRO', 'jazzy')}, {source}, {middleware}"
 
 
-# Two processes with a node each; the second one is a fork, so that both import rclpy only once.
-_TALK = """
-import os, sys, rclpy
-from std_msgs.msg import String
-other = os.fork()
-own, its = ("a", "b") if other else ("b", "a")
-rclpy.init()
-node = rclpy.create_node("doctor_" + own)
-received = []
-node.create_subscription(String, "doctor_" + its, received.append, 1)
-publisher = node.create_publisher(String, "doctor_" + own, 1)
-spare = 20
-while rclpy.ok() and spare:
-    publisher.publish(String())
-    rclpy.spin_once(node, timeout_sec=0.05)
-    spare -= bool(received)
-if other:
-    sys.exit(os.waitpid(other, 0)[1] != 0)
-"""
-
-
 def _dds(_: Path) -> str:
     """Check that two nodes on this machine receive each other's messages."""
     from omni_ros.environment import node_environment
+    from omni_ros.exchange import exchange_messages
     from omni_runs.graph.domain import NoFreeDomainError, reserved_domain
 
     try:
         with reserved_domain() as domain:
-            talkers = subprocess.Popen(
-                [sys.executable, "-c", _TALK],
-                env=node_environment(domain),
-                stdout=subprocess.DEVNULL,
-                stderr=subprocess.DEVNULL,
-                start_new_session=True,
+            # A fork imports neither rclpy nor this module again.
+            talkers = multiprocessing.get_context("fork").Process(
+                target=exchange_messages, args=(node_environment(domain),)
             )
-            try:
-                code = talkers.wait(30.0)
-            except subprocess.TimeoutExpired:
-                code = 1
-            finally:
-                with contextlib.suppress(ProcessLookupError):  # both have ended
-                    os.killpg(talkers.pid, signal.SIGKILL)
-                talkers.wait()
+            talkers.start()
+            talkers.join(_PATIENCE)
+            code = talkers.exitcode
+            with contextlib.suppress(ProcessLookupError):  # both have ended
+                os.killpg(talkers.pid or 0, signal.SIGKILL)
+            talkers.join()
     except NoFreeDomainError as error:
         raise TroubleError(str(error)) from None
-    if code:
+    if code != 0:
         raise TroubleError(
             "two nodes on this machine do not receive each other's messages; is UDP on the "
             "loopback device, or /dev/shm, forbidden? unset ROS_DOMAIN_ID, RMW_IMPLEMENTATION and "
@@ -190,28 +181,16 @@ def _disk(workspace: Path, needed: float = 0.2e9) -> str:
 
 def _folders(workspace: Path) -> str:
     """Return the folders that the workspace fills, with their sizes."""
-    from omni_sim.texture.cache import TextureCache
+    from omni_sim.texture.configuration import cache_folder
 
     names = ("build", "install", ".cache", "bags", "results")
     folders = [Path(sys.prefix), *(workspace / name for name in names)]
-    folders.append(TextureCache.of_user().directory)
-    sizes = {folder: _size(folder) for folder in folders if folder.is_dir()}
-    return ", ".join(f"{folder} {size / 1e6:.0f} MB" for folder, size in sizes.items())
-
-
-def _size(folder: Path) -> int:
-    """Return the size of all files in a folder [B]."""
-    total, folders = 0, [str(folder)]
-    while folders:
-        # A file or folder may be removed in the meantime.
-        with contextlib.suppress(OSError), os.scandir(folders.pop()) as entries:
-            for entry in entries:
-                if entry.is_dir(follow_symlinks=False):
-                    folders.append(entry.path)
-                    continue
-                with contextlib.suppress(OSError):
-                    total += entry.stat(follow_symlinks=False).st_size
-    return total
+    folders.append(cache_folder())
+    found = [str(folder) for folder in folders if folder.is_dir()]
+    # Some of the files may be removed in the meantime.
+    rows = subprocess.run(["du", "-sk", *found], capture_output=True, text=True, check=False).stdout
+    sizes = (row.split("\t") for row in rows.splitlines())
+    return ", ".join(f"{folder} {int(size) * 1.024e-3:.0f} MB" for size, folder in sizes)
 
 
 def _feedback(parameters: Path, _: Path) -> str:

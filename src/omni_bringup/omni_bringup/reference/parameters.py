@@ -9,8 +9,8 @@ from collections.abc import Iterator
 from typing import Any
 
 from omni_core import configuration
-from omni_core.configuration import ParameterInfo
 
+_AS = "as"
 _HEAD = """\
 # Parameters
 
@@ -27,7 +27,7 @@ Section, equation and table numbers refer to the dissertation.
 
 def reference() -> str:
     """Return the reference of all parameters as Markdown text."""
-    from linescan_odometry.odometry import OdometryConfiguration
+    from linescan_odometry.configuration import OdometryConfiguration
     from omni_brake_assist.configuration import BrakeAssistConfiguration
     from omni_runs.experiment import ExperimentConfiguration
     from omni_sim.configuration import SimulatorConfiguration
@@ -42,7 +42,7 @@ def reference() -> str:
     sections: dict[str, type[configuration.Configuration]] = {
         "Node `simulator` (package `omni_sim`)\n": SimulatorConfiguration,
         "Node `linescan_odometry`\n": OdometryConfiguration,
-        "Node `line_camera` (package `linescan_odometry`)\n": CameraConfiguration,
+        "Node `line_camera` (package `omni_vehicle`)\n": CameraConfiguration,
         "Node `brake_assist` (package `omni_brake_assist`)\n": BrakeAssistConfiguration,
         "Experiment\n\nThe keys of `config/experiments/*.yaml` and of `--set` are those of the "
         "`simulator` and:\n": ExperimentConfiguration,
@@ -73,25 +73,36 @@ def _rows(cls: Any, node: str, listed: dict[Any, str], prefix: str = "") -> Iter
             configurations of `cls` are added.
         prefix: dotted path of the configuration.
     """
-    defaults = {field.name: field.default for field in dataclasses.fields(cls)}
-    bases = [base for base in cls.__mro__[1:] if base in listed and not prefix]
-    inherited = {name for base in bases for name, _, _ in configuration.declared_parameters(base)}
-    for name, kind, info in configuration.declared_parameters(cls):
+    own = {name: _row(name, cls) for name, _, _ in configuration.declared_parameters(cls)}
+    inherited: set[str] = set()
+    for base in (one for one in cls.__mro__[1:] if one in listed):
+        names = [name for name, _, _ in configuration.declared_parameters(base)]
+        same = [n for n in names if own[n] == _row(n, base) and n not in inherited]
+        inherited.update(same)
+        if same and listed[base].startswith(_AS):  # the introduction of a section names other bases
+            keys = ", ".join(f"`{configuration.join_key(prefix, name)}`" for name in same)
+            yield f"| {keys} | | | {listed[base]} |"
+    for name, kind, _ in configuration.declared_parameters(cls):
         element = configuration.element_configuration(kind)
         group = kind if configuration.is_configuration(kind) else element
         key = configuration.join_key(prefix, f"{name}.<name>" if element else name)
         if name in inherited:
             continue
         if group is None:
-            yield _row(key, info, defaults[name])
+            yield f"| `{key}` {own[name]}"
         elif group in listed:
             yield f"| `{key}.*` | | | {listed[group]} |"
         else:
-            listed[group] = f"as `{key}.*` of `{node}`"
+            listed[group] = f"{_AS} `{key}.*` of `{node}`"
             yield from _rows(group, node, listed, key)
+            for base in group.__mro__[1:-1]:
+                listed.setdefault(base, listed[group])
 
 
-def _row(key: str, info: ParameterInfo, default: Any) -> str:
+def _row(name: str, cls: Any) -> str:
+    """Return default, range and description of a parameter of a configuration."""
+    (info,) = (info for key, _, info in configuration.declared_parameters(cls) if key == name)
+    default = cls.__dataclass_fields__[name].default
     shown = "required" if default is dataclasses.MISSING else f"`{_in_yaml(default)}`"
     if info.choices is not None:
         permitted = ", ".join(f"`{choice}`" for choice in info.choices)
@@ -101,7 +112,7 @@ def _row(key: str, info: ParameterInfo, default: Any) -> str:
         low = f"[{info.minimum:g}" if info.above is None else f"({info.above:g}"
         permitted = f"{low}, inf)" if info.maximum is None else f"{low}, {info.maximum:g}]"
     values = f"{permitted} {info.unit}".strip()
-    return f"| `{key}` | {shown} | {values} | {info.description} |"
+    return f"| {shown} | {values} | {info.description} |"
 
 
 def _in_yaml(value: Any) -> str:

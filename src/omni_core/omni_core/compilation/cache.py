@@ -33,14 +33,18 @@ from numba.core.caching import FunctionCache, IndexDataCacheFile
 from numba.core.dispatcher import Dispatcher
 from numba.core.runtime import rtsys
 
-from omni_core.compilation import calls
+from omni_core.compilation import calls, references
 from omni_core.compilation.calls import CompiledKernel, linked_kernels, publish
 
 _LIBRARIES = sys.stdlib_module_names | {"llvmlite", "numba", "numpy", "rocket_fft", "scipy"}
 _PLAIN = {bool, bytes, float, int, str, type(None)}
 _DEPTH = 3  # levels of modules in modules, as in numpy.linalg
-# Stored kernels name the modules of this package.
-_LINKAGE = hashlib.sha256(calls.__name__.encode() + Path(calls.__file__).read_bytes()).hexdigest()
+# Stored kernels depend on the names and the code of these modules.
+_LINKAGE = hashlib.sha256(
+    b"".join(
+        one.__name__.encode() + Path(str(one.__file__)).read_bytes() for one in (calls, references)
+    )
+).hexdigest()
 _KEPT_VERSIONS = 3  # versions of a kernel on disk, so that another branch need not be compiled
 
 

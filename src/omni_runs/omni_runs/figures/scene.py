@@ -11,7 +11,7 @@ import numpy as np
 
 from omni_core.geometry import PlatformGeometry, WheelMount
 from omni_core.quantities import FloatArray
-from omni_sim.ground.friction import FrictionPatch
+from omni_sim.ground.configuration import FrictionPatch
 
 if TYPE_CHECKING:
     from omni_runs.experiment import ExperimentConfiguration

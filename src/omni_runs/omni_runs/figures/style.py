@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import matplotlib
+from matplotlib import artist
 
 from omni_core.configuration import ConfigurationError
 from omni_runs.history import RunHistory
@@ -20,6 +21,10 @@ from omni_runs.history import RunHistory
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+
+# The lists of the properties of each class, for its documentation, would take a quarter of
+# matplotlib's import time.
+artist.kwdoc = lambda artist: ""  # noqa: ARG005
 
 ORANGE, SKY, GREEN = "#E69F00", "#56B4E9", "#009E73"
 BLUE, VERMILLION, PURPLE = "#0072B2", "#D55E00", "#CC79A7"

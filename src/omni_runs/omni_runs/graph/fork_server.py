@@ -11,7 +11,7 @@ import multiprocessing
 import os
 import sys
 from collections.abc import Mapping, Sequence
-from importlib.metadata import entry_points
+from importlib.metadata import EntryPoint, entry_points
 from multiprocessing import forkserver, reduction
 from multiprocessing.context import ForkServerProcess
 from pathlib import Path
@@ -65,9 +65,16 @@ def _received(*descriptors: Any) -> list[int]:
 
 
 @functools.cache
+def nodes() -> tuple[EntryPoint, ...]:
+    """Return the entry points of all nodes; the search takes 50 ms."""
+    return tuple(entry_points(group=NODES))
+
+
 def node_module(executable: Path) -> str | None:
     """Return the module that an executable runs; None if it is no node of this workspace."""
-    for entry in entry_points(group=NODES, name=executable.name):
+    for entry in nodes():
+        if entry.name != executable.name:
+            continue
         installed = Path(str(entry.dist.locate_file(""))) if entry.dist else Path()
         if installed.is_relative_to(executable.parents[2]):
             return entry.module

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from linescan_odometry.odometry import OdometryConfiguration
+from linescan_odometry.configuration import OdometryConfiguration
 from omni_brake_assist.configuration import BrakeAssistConfiguration
 from omni_core import topics
 from omni_core.brakes import BRAKES

@@ -35,7 +35,8 @@ from omni_runs.history import RunHistory
 from omni_runs.limit import stop_kinds
 from omni_runs.limit.stop_kinds import Maneuver
 from omni_sim.configuration import GroundConfiguration
-from omni_sim.driver.scripted import ManeuverConfiguration, ScriptedDriver
+from omni_sim.driver.configuration import ManeuverConfiguration
+from omni_sim.driver.scripted import ScriptedDriver
 from omni_sim.vehicle.configuration import VehicleConfiguration
 
 _WEAK = "friction or brakes are too weak to stop the vehicle"

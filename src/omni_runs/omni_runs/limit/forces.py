@@ -25,7 +25,9 @@ import numpy as np
 from omni_core.geometry import cross
 from omni_core.kinematics import PlatformKinematics, require_omni_wheels
 from omni_core.quantities import GRAVITY, BoolArray, FloatArray
+from omni_sim.masses import support_polygon
 from omni_sim.tire.interface.model import curve_at
+from omni_sim.tire.models import kernel_parameters
 from omni_sim.vehicle import configuration, loads
 
 _TANGENTS = 97
@@ -71,6 +73,7 @@ class Case(NamedTuple):
         standing: whether a locked wheel may exert a force although the vehicle does not move along
             the wheel's active direction.
         heading: whether the forces together must have no yaw moment.
+        pushes: whether a wheel may drive the vehicle although the stop is straight.
     """
 
     friction: FloatArray
@@ -79,6 +82,7 @@ class Case(NamedTuple):
     lag: float = 0.0
     standing: bool = True
     heading: bool = False
+    pushes: bool = False
 
 
 class LimitVehicle:
@@ -117,7 +121,7 @@ class LimitVehicle:
         self._weight = self.masses.mass * GRAVITY
         self._tire = tire
         self._plane = loads.load_plane(self._arm)
-        self._hull = self._arm[loads.support_polygon(self._arm)]
+        self._hull = self._arm[support_polygon(self._arm)]
         self._edge = np.roll(self._hull, -1, axis=0) - self._hull
         self._slope, self._offset = self._tangents()
         self.strongest_peak = float(self._offset[-1])
@@ -125,7 +129,7 @@ class LimitVehicle:
     def peak(self, load: FloatArray) -> FloatArray:
         """Return the peak force ``P`` [N] at M loads [N] for the friction factor 1, shape (M,)."""
         clamped = np.clip(load, 0.0, self._tire.largest_load)
-        constants = self._tire.kernel_parameters
+        constants = kernel_parameters(self._tire)
         return np.array([curve_at(constants, float(one), 1.0).peak_force for one in clamped])
 
     def _tangents(self) -> tuple[FloatArray, FloatArray]:
@@ -324,7 +328,7 @@ class LimitVehicle:
         """
         cap = np.minimum(case.friction * self.strongest_peak, case.torque / self.rim_lever)
         low, high = -cap, cap.copy()
-        if case.straight:
+        if case.straight and not case.pushes:
             dragged = np.abs(along) > _STANDING
             high[(along > 0.0) & dragged] = 0.0
             low[(along < 0.0) & dragged] = 0.0

@@ -30,7 +30,7 @@ from omni_runs.figures.style import save_figure
 from omni_runs.figures.time_series import time_series
 from omni_runs.figures.top_view import top_view
 from omni_runs.history import RunHistory
-from omni_sim.ground.friction import FrictionPatch
+from omni_sim.ground.configuration import FrictionPatch
 
 MakeHistory = Callable[..., RunHistory]
 NAMES = ("unassisted", "assisted", "zero", "cosine", "enhanced_k7")

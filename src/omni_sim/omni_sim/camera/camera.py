@@ -19,6 +19,7 @@ from omni_core.signals import Lines
 from omni_sim.camera import optics
 from omni_sim.camera.configuration import CameraConfiguration
 from omni_sim.camera.exposure import expose, noise_key
+from omni_sim.camera.faults import TimedFault, elapsed, faults_of, moved_to, turned_poses
 from omni_sim.camera.footprint.integral import integrate_lines
 from omni_sim.camera.footprint.padding import PaddedTexture, padded_levels
 from omni_sim.texture.texture import GroundTexture
@@ -40,6 +41,7 @@ class LineCamera:
         texture: PaddedTexture,
         configuration: CameraConfiguration,
         key: np.uint64,
+        timed: tuple[TimedFault, ...] = (),
     ) -> None:
         """Create a camera above a ground.
 
@@ -48,6 +50,7 @@ class LineCamera:
             texture: texture of the ground.
             configuration: exposure and optics.
             key: key of the camera's noise, see `exposure.noise_key`.
+            timed: faults of this camera that begin and end during a run.
         """
         self.sensor = sensor
         self._seen = optics.seen(sensor, configuration)
@@ -56,6 +59,7 @@ class LineCamera:
         self._texture = texture
         self._configuration = configuration
         self._key = key
+        self._timed = timed
         self.rise = 0.0
 
     @property
@@ -92,14 +96,24 @@ class LineCamera:
             grays *= self._transmission
         return grays
 
-    def ground(self, poses: FloatArray, velocities: FloatArray | None = None) -> Float32Array:
+    def ground(
+        self, poses: FloatArray, velocities: FloatArray | None = None, first_line: int = 0
+    ) -> Float32Array:
         """Return the mean gray level of each pixel's footprint, shape (m, pixels).
 
         Args:
             poses: poses of `base_link` [m, m, rad], one per line, shape (m, 3).
             velocities: time derivatives of the poses, shape (m, 3), for motion blur; None for no
                 blur.
+            first_line: index of the first line since the start of the run, on which faults of the
+                mounting depend.
         """
+        for timed in self._timed:
+            rows = timed.turns(elapsed(first_line, len(poses), self.sensor.line_rate))
+            if len(rows):
+                turned = turned_poses(poses, self.footprints(poses), rows, timed.fault.amplitude)
+                velocities = None if velocities is None else moved_to(velocities, turned - poses)
+                poses = turned
         if velocities is None or self._configuration.exposure_time == 0.0:
             return self._integrate(poses)
         return self._blurred(poses, velocities)
@@ -149,10 +163,10 @@ class LineCamera:
         Raises:
             ValueError: a pose is not finite.
         """
-        return self.develop(self.ground(poses, velocities), first_line)
+        return self.develop(self.ground(poses, velocities, first_line), first_line)
 
     def develop(self, ground: Float32Array, first_line: int) -> Lines:
-        """Apply optics, shadow, pixel faults and noise; return 8-bit or 16-bit lines.
+        """Apply optics, shadow, faults and noise; return 8-bit or 16-bit lines.
 
         Args:
             ground: result of `ground`, shape (m, pixels).
@@ -165,6 +179,10 @@ class LineCamera:
         grays = ground if self._transmission is None else ground * self._transmission
         if exposure.shadow > 0.0:
             grays = optics.shade(grays, self._seen, exposure, first_line)
+        if self._timed:
+            time, grays = elapsed(first_line, len(ground), self.sensor.line_rate), grays.copy()
+            for timed in self._timed:
+                timed.change(grays, time)
         if self._faults is not None:
             grays = grays * self._faults.sight + self._faults.offset / np.float32(exposure.gain)
         return expose(grays, exposure, self._key, first_line)
@@ -212,10 +230,11 @@ class LineCameraArray:
         optics.check_exposure(sensors, configuration)
         views = {name: optics.seen(sensor, configuration) for name, sensor in sensors.items()}
         padded = padded_levels(views, texture, configuration.most_widening)
-        self.cameras: dict[str, LineCamera] = {
-            name: LineCamera(sensor, padded[name], configuration, noise_key(seed, name))
-            for name, sensor in sensors.items()
-        }
+        self.cameras: dict[str, LineCamera] = {}
+        for name, sensor in sensors.items():
+            key = noise_key(seed, name)
+            timed = faults_of(name, views[name], configuration, key)
+            self.cameras[name] = LineCamera(sensor, padded[name], configuration, key, timed)
         self._next_line = dict.fromkeys(self.cameras, 0)
 
     def render(self, poses: Mapping[str, FloatArray]) -> dict[str, Lines]:

@@ -1,6 +1,8 @@
 """Exposure, optics and noise of the line cameras (dissertation, section 4.4)."""
 
-from omni_core.configuration import Configuration, ConfigurationError, parameter
+from collections.abc import Mapping
+
+from omni_core.configuration import Configuration, ConfigurationError, parameter, section
 
 TELECENTRIC, ORDINARY = "telecentric", "ordinary"
 
@@ -10,6 +12,43 @@ BLUR_MARGIN = 0.25
 """Limit on the length of ground beyond the view that contributes to a blurred line, as a share of
 the view [1]."""
 _MOST_WIDENING = 1.25  # limit on the widening of a view by heave of the camera, because of focus
+
+
+BUMP = "bump"
+_KINDS = ("dirt", "cover", "light", "flicker", "shadow", BUMP)
+_SHARES = ("cover", "light", "flicker", "shadow")  # kinds whose amplitude is a share
+
+
+class CameraFault(Configuration):
+    """One fault of one line camera, or of all of them."""
+
+    kind: str = parameter(choices=_KINDS)
+    """Kind of the fault; omni_sim/camera/faults.py contains the equation of each kind"""
+    camera: str = parameter("")
+    """Name of the faulty line camera; empty for all line cameras"""
+    time: float = parameter(0.0, unit="s", minimum=0.0, maximum=3600.0)
+    """Onset of the fault"""
+    duration: float = parameter(3600.0, unit="s", above=0.0, maximum=3600.0)
+    """Duration of the fault"""
+    amplitude: float = parameter(minimum=-1000.0, maximum=1000.0)
+    """Size ``a``: number of specks for the fault `dirt`, angle in rad for `bump`, and a share of 0
+    to 1 for all others"""
+    period: float = parameter(0.01, unit="s", above=0.0, maximum=3600.0)
+    """Period ``T`` of the fault `flicker`, or time that the edge of a `shadow` takes to move over
+    the line"""
+
+    def check_consistency(self) -> None:
+        """Check that the amplitude is a share or a number of specks if the kind requires it.
+
+        Raises:
+            ConfigurationError: the amplitude is invalid.
+        """
+        if self.kind in _SHARES and not 0.0 <= self.amplitude <= 1.0:
+            raise ConfigurationError(
+                "amplitude", f"{self.amplitude:g} is not a share of 0 to 1, which {self.kind} needs"
+            )
+        if self.kind == "dirt" and not (self.amplitude >= 0.0 and self.amplitude.is_integer()):
+            raise ConfigurationError("amplitude", f"{self.amplitude:g} is no number of specks")
 
 
 class CameraConfiguration(Configuration):
@@ -66,6 +105,8 @@ class CameraConfiguration(Configuration):
     shadow_speed: float = parameter(0.0, unit="m/s", minimum=0.0, maximum=100.0)
     """Speed at which the edge of the shadow moves back and forth along the line; 0 for an edge
     that is fixed in the view"""
+    faults: Mapping[str, CameraFault] = section(dict)
+    """Faults that begin and end during a run, keyed by name"""
 
     @property
     def noise_deviation(self) -> float:

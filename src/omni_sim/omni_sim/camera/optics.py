@@ -51,9 +51,7 @@ def transmission(
 ) -> Float32Array | None:
     """Return the factor by which optics and pixel gain scale the light on each pixel.
 
-    The loss due to shading is proportional to the squared distance from the middle. Specks of dirt
-    are out of focus. Their shadows have the profile ``(1 - r^2)^2``, where ``r`` is the distance
-    from the center divided by the radius. Their diameters are 0.5 to 1.5 times the mean diameter.
+    The loss due to shading is proportional to the squared distance from the middle.
 
     Args:
         sensor: the camera.
@@ -67,16 +65,39 @@ def transmission(
     if configuration.shading == 0.0 and configuration.dirt_spots == 0 and not unlike:
         return None
     place = (np.arange(sensor.pixels) + 0.5) / sensor.pixels
-    share = 1.0 - configuration.shading * (2.0 * place - 1.0) ** 2
-    generator = _pattern(key, 1)
-    for middle, size in generator.uniform((0.0, 0.5), (1.0, 1.5), (configuration.dirt_spots, 2)):
+    share: FloatArray = 1.0 - configuration.shading * (2.0 * place - 1.0) ** 2
+    share *= specks(pattern(key, 1), sensor, configuration, configuration.dirt_spots)
+    if unlike:
+        response = pattern(key, 2).standard_normal(sensor.pixels)
+        share *= np.maximum(1.0 + configuration.photo_response * response, 0.0)
+    return share.astype(np.float32)
+
+
+def specks(
+    generator: np.random.Generator,
+    sensor: LineSensor,
+    configuration: CameraConfiguration,
+    count: int,
+) -> FloatArray:
+    """Return the factor by which specks of dirt on the optics scale the light, shape (pixels,).
+
+    The specks are out of focus. Their shadows have the profile ``(1 - r^2)^2``, where ``r`` is the
+    distance from the center divided by the radius. Their diameters are 0.5 to 1.5 times the mean
+    diameter.
+
+    Args:
+        generator: source of positions and sizes.
+        sensor: the camera.
+        configuration: size and opacity of the specks.
+        count: number of specks.
+    """
+    place = (np.arange(sensor.pixels) + 0.5) / sensor.pixels
+    share = np.ones(sensor.pixels)
+    for middle, size in generator.uniform((0.0, 0.5), (1.0, 1.5), (count, 2)):
         radius = 0.5 * size * configuration.dirt_size / sensor.length
         r = np.minimum(np.abs(place - middle) / radius, 1.0)
         share *= 1.0 - configuration.dirt_opacity * (1.0 - r * r) ** 2
-    if unlike:
-        response = _pattern(key, 2).standard_normal(sensor.pixels)
-        share *= np.maximum(1.0 + configuration.photo_response * response, 0.0)
-    return share.astype(np.float32)
+    return share
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -105,15 +126,15 @@ def pixel_faults(
         key: seed of the positions of the faults.
     """
     pixels = sensor.pixels
-    generator = _pattern(key, 3)
+    generator = pattern(key, 3)
     offset: FloatArray = configuration.dark_signal * generator.standard_normal(pixels)
     offset += configuration.dark_steps * (np.arange(pixels) * _TAPS // pixels % 2)
     sight = np.ones(pixels)
     # All random values are drawn before use, so that one kind of fault does not affect another.
     order, levels = generator.permutation(pixels), generator.uniform(20.0, 120.0, pixels)
-    mud = _mud(generator, sensor)
+    grays = mud(generator, sensor)
     hidden = np.arange(pixels) >= round((1.0 - configuration.mud) * pixels)
-    offset[hidden], sight[hidden] = mud[hidden], 0.0
+    offset[hidden], sight[hidden] = grays[hidden], 0.0
     hot = order[: configuration.hot_pixels]
     offset[hot] += levels[hot]
     stuck = order[::-1][: configuration.stuck_pixels]
@@ -137,10 +158,21 @@ def shade(
     elapsed = (first_line + np.arange(len(grays))) / sensor.line_rate
     moved = 0.35 + configuration.shadow_speed * elapsed / sensor.length  # [lengths of the view]
     edge = 0.1 + 0.8 * np.abs((moved - 0.1) / 0.8 % 2.0 - 1.0)
-    place = (np.arange(sensor.pixels) + 0.5) / sensor.pixels
-    lit = np.clip((place - edge[:, None]) * sensor.length / _PENUMBRA + 0.5, 0.0, 1.0)
-    shaded = grays * (1.0 - configuration.shadow * (1.0 - lit)).astype(np.float32)
+    shaded = grays * (1.0 - configuration.shadow * (1.0 - lit(sensor, edge))).astype(np.float32)
     return np.asarray(shaded, np.float32)
+
+
+def lit(sensor: LineSensor, edge: FloatArray) -> FloatArray:
+    """Return the share of the light that reaches each pixel beside a shadow, shape (m, pixels).
+
+    Args:
+        sensor: the camera.
+        edge: place of the shadow's edge in each line, as a share of the line; the pixels before it
+            are in the shadow, shape (m,).
+    """
+    place = (np.arange(sensor.pixels) + 0.5) / sensor.pixels
+    share = np.clip((place - edge[:, None]) * sensor.length / _PENUMBRA + 0.5, 0.0, 1.0)
+    return np.asarray(share, np.float64)
 
 
 def defocus_weights(blur: float, pixels: int) -> tuple[Float32Array, int]:
@@ -174,7 +206,7 @@ def defocused(fine: Float32Array, weights: Float32Array, parts: int) -> Float32A
     return np.asarray(windows @ weights, np.float32)
 
 
-def _mud(generator: np.random.Generator, sensor: LineSensor) -> FloatArray:
+def mud(generator: np.random.Generator, sensor: LineSensor) -> FloatArray:
     """Return the gray levels of a line that is covered with mud, shape (pixels,).
 
     The gray level is random at points 0.6 mm apart and is interpolated linearly between them.
@@ -185,8 +217,9 @@ def _mud(generator: np.random.Generator, sensor: LineSensor) -> FloatArray:
     return np.asarray(np.interp(place, nodes, grays))
 
 
-def _pattern(key: np.uint64, number: int) -> np.random.Generator:
-    return np.random.default_rng(np.random.SeedSequence(int(key), spawn_key=(number,)))
+def pattern(key: np.uint64, *number: int) -> np.random.Generator:
+    """Return the generator of a camera's pattern with a number, such as that of its dirt."""
+    return np.random.default_rng(np.random.SeedSequence(int(key), spawn_key=number))
 
 
 def blur_samples(

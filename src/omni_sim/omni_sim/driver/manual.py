@@ -11,7 +11,8 @@ import numpy as np
 
 from omni_core.configuration import Configuration, parameter
 from omni_core.quantities import FloatArray
-from omni_sim.driver.scripted import ManeuverConfiguration, ScriptedDriver
+from omni_sim.driver.configuration import ManeuverConfiguration
+from omni_sim.driver.scripted import ScriptedDriver
 
 FULL_BRAKING = 1.0
 

@@ -5,29 +5,9 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from omni_core.configuration import Configuration, parameter
 from omni_core.kernels import lean
 from omni_core.quantities import FloatArray
-
-
-class FrictionPatch(Configuration):
-    """Rectangle or ellipse of ground with a friction of its own, in the world frame `odom`."""
-
-    shape: str = parameter("rectangle", choices=("rectangle", "ellipse"))
-    """Shape of the patch; `length` and `width` are the axes of an ellipse"""
-
-    x: float = parameter(unit="m", minimum=-1.0e4, maximum=1.0e4)
-    """x coordinate of the center in the world frame"""
-    y: float = parameter(unit="m", minimum=-1.0e4, maximum=1.0e4)
-    """y coordinate of the center in the world frame"""
-    length: float = parameter(unit="m", above=0.0, maximum=2.0e4)
-    """Extent along the direction `heading_deg`"""
-    width: float = parameter(unit="m", above=0.0, maximum=2.0e4)
-    """Extent across the direction `heading_deg`"""
-    heading_deg: float = parameter(0.0, unit="deg", minimum=-360.0, maximum=360.0)
-    """Direction of `length`, counter-clockwise from the x axis of the world"""
-    friction: float = parameter(minimum=0.0, maximum=2.0)
-    """Friction factor mu/mu_0 on the patch, relative to the friction in the tire data"""
+from omni_sim.ground.configuration import FrictionPatch
 
 
 class FrictionMap:

@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omni_core.configuration import to_mapping
-from omni_core.files import user_folder
 from omni_sim.texture import texture as ground
+from omni_sim.texture.configuration import PICTURE, TextureConfiguration, cache_folder
 from omni_sim.texture.picture import read_picture
 
 
@@ -39,21 +39,16 @@ class TextureCache:
 
     @classmethod
     def of_user(cls) -> TextureCache:
-        """Return the cache in the user's cache folder (``XDG_CACHE_HOME`` or ``~/.cache``).
+        """Return the cache in the folder that all workspaces of the user share."""
+        return cls(cache_folder())
 
-        If this folder cannot be written, the cache is in the folder of the workspace's caches.
-        """
-        bases = (os.environ.get("XDG_CACHE_HOME") or "~/.cache", os.environ.get("OMNI_CACHE_DIR"))
-        wanted = [Path(base, "omni_sim", "textures") for base in bases if base]
-        return cls(user_folder("omni_sim", *wanted))
-
-    def texture(self, configuration: ground.TextureConfiguration) -> ground.GroundTexture:
+    def texture(self, configuration: TextureConfiguration) -> ground.GroundTexture:
         """Return a texture, from the cache if possible; a picture is read from its own file.
 
         Raises:
             ConfigurationError: the picture cannot be used.
         """
-        if configuration.kind == ground.PICTURE:
+        if configuration.kind == PICTURE:
             return read_picture(configuration.picture, configuration.dpi)
         path = self.path(configuration)
         texels, size = configuration.extent
@@ -65,7 +60,7 @@ class TextureCache:
             _write(path, texture.gray)
         return texture
 
-    def path(self, configuration: ground.TextureConfiguration) -> Path:
+    def path(self, configuration: TextureConfiguration) -> Path:
         """Return the path of the file in which a texture is cached."""
         identity = json.dumps([ground.GENERATION, to_mapping(configuration)], sort_keys=True)
         digest = hashlib.sha256(identity.encode()).hexdigest()[:16]

@@ -4,27 +4,35 @@ The grounds resemble those in Figures 59, 65 to 67 and 71 of the dissertation, w
 with a flatbed scanner. Some additional grounds are more difficult. Sizes are in meters, so the
 number of texels changes only the resolution. All random values are drawn from the generator.
 
-=============  =====================================================================================
-cork           pressed granules of 2 mm
-asphalt        chippings of 0.6 to 6 mm in dark binder
-stone          coarse flat pieces of 12 mm with mineral grain
-wood           a board with its grain along x: growth rings of 1.5 to 4.5 mm, fibers of 0.2 mm by
-               40 mm, pores of 0.2 mm by 6 mm; like a bar code, it hardly changes along x
-plastic        a smooth sheet: a faint molded grain of 0.25 to 2 mm and fainter mottles
-metal          rolled sheet: faint grain of 0.2 mm and marks of 0.2 mm by 1.5 mm along x
-walking_tile   concrete slabs with square studs every 20 mm and fine aggregate: periodic
-dry_earth      clay in plates of 26 mm between open cracks, finer cracks every 8 mm, soil grain
-worn_asphalt   asphalt polished by traffic: chippings and binder of nearly the same gray
-concrete       troweled surface: mottles of a few centimeters, cement and sand grain, few pores
-wet_concrete   concrete with wet patches, which are dark and without detail
-gravel         rounded stones of 4 to 16 mm that overlap, each with its own grain
-sand           grains of 0.1 to 0.4 mm and faint ripples
-grass          blades of 12 to 40 mm, in all directions
-bark           ridges of 5 to 30 mm along x between dark furrows
-brick          bricks of 100 x 67 mm and little contrast in running bond, with mortar joints
-cobble         stones of 50 mm with worn tops between wide dark joints
-planks         boards of 50 mm with their grain along x between dark grooves
-=============  =====================================================================================
+===============  ===================================================================================
+cork             pressed granules of 2 mm
+asphalt          chippings of 0.6 to 6 mm in dark binder
+stone            coarse flat pieces of 12 mm with mineral grain
+wood             a board with its grain along x: growth rings of 1.5 to 4.5 mm, fibers of 0.2 mm by
+                 40 mm, pores of 0.2 mm by 6 mm; like a bar code, it hardly changes along x
+plastic          a smooth sheet: a faint molded grain of 0.25 to 2 mm and fainter mottles
+metal            rolled sheet: faint grain of 0.2 mm and marks of 0.2 mm by 1.5 mm along x
+walking_tile     concrete slabs with square studs every 20 mm and fine aggregate: periodic
+dry_earth        clay in plates of 26 mm between open cracks, finer cracks every 8 mm, soil grain
+worn_asphalt     asphalt polished by traffic: chippings and binder of nearly the same gray
+concrete         troweled surface: mottles of a few centimeters, cement and sand grain, few pores
+wet_concrete     concrete with wet patches, which are dark and without detail
+gravel           rounded stones of 4 to 16 mm that overlap, each with its own grain
+sand             grains of 0.1 to 0.4 mm and faint ripples
+grass            blades of 12 to 40 mm, in all directions
+bark             ridges of 5 to 30 mm along x between dark furrows
+brick            bricks of 100 x 67 mm and little contrast in running bond, with mortar joints
+cobble           stones of 50 mm with worn tops between wide dark joints
+planks           boards of 50 mm with their grain along x between dark grooves
+carpet           loops in a grid of 2.5 mm, 10 in an inch, with fibers: periodic
+terrazzo         polished marble chips of 1.6 to 9.5 mm, the sizes 0 to 2 of the trade, in cement
+slabs            concrete slabs of 100 mm with joints of 4 mm and painted stripes of 50 mm along x
+tile             glazed tiles of 50 mm with joints of 3 mm: hardly any detail except the joints
+wet_asphalt      asphalt under a film of water: dark, with glints that saturate the camera
+sealed_concrete  polished and sealed concrete, with less contrast than the noise of a camera
+epoxy            a plain coating of epoxy resin, as smooth
+flake_epoxy      epoxy with vinyl flakes of 1.6 to 6.4 mm (1/16 to 1/4 inch)
+===============  ===================================================================================
 """
 
 import dataclasses
@@ -320,11 +328,68 @@ def _planks(brush: Brush) -> Layers:
     return [*_wood(brush), patterns.Added(boards)]
 
 
+def _carpet(brush: Brush) -> Layers:
+    cells = brush.cells(0.0025)
+    loops = patterns.Cells(
+        brush.generator.uniform(0.4, 0.6, (cells, cells, 2)).astype(np.float32),
+        brush.generator.normal(98.0, 6.0, (cells, cells)).astype(np.float32),
+        border_gray=58.0,
+        border=0.0009 * cells / brush.size,
+        warp=np.zeros((2, 1, 1), np.float32),
+    )
+    return [loops, *brush.octaves(((0.02, 2.0), (0.0008, 3.0), (0.0003, 5.0)))]
+
+
+def _terrazzo(brush: Brush) -> Layers:
+    chips = brush.stones((0.0008, 0.00475), 0.9, (140.0, 18.0), 0.5)
+    return [patterns.Plain(158.0), chips, *brush.octaves(((0.004, 2.0), (0.0004, 1.5)))]
+
+
+def _slabs(brush: Brush) -> Layers:
+    cells = brush.cells(0.1)
+    gray = brush.generator.normal(142.0, 4.0, (cells, cells)).astype(np.float32)
+    slabs = patterns.Bond(gray, 78.0, 0.004 / brush.size, 0.0008 / brush.size, staggered=False)
+    # Paint brightens slabs and joints alike; it hides no relief.
+    one = np.zeros((1, 1), np.float32)
+    stripe = patterns.Bond(one, 70.0, 0.05 / brush.size, 0.001 / brush.size, staggered=False)
+    octaves = ((0.03, 3.0), (0.001, 3.0), (0.0003, 3.5))
+    return [slabs, patterns.Added(stripe), *brush.octaves(octaves)]
+
+
+def _tile(brush: Brush) -> Layers:
+    cells = brush.cells(0.05)
+    gray = brush.generator.normal(185.0, 3.0, (cells, cells)).astype(np.float32)
+    tiles = patterns.Bond(gray, 108.0, 0.003 / brush.size, 0.0004 / brush.size, staggered=False)
+    return [tiles, *brush.octaves(((0.01, 1.0), (0.002, 1.0), (0.0004, 1.0)))]
+
+
+def _wet_asphalt(brush: Brush) -> Layers:
+    chippings = brush.stones((0.0006, 0.004), 2.0, (38.0, 9.0), 0.6, (12.0, 80.0))
+    glint = _Shape((0.0001, 0.0005), (0.5, 1.0), (290.0, 60.0))  # brighter than white on average
+    glints = brush.leaves(60000.0, glint, 0.0002)
+    return [patterns.Plain(24.0), chippings, *brush.octaves(((0.0008, 3.0), (0.0003, 3.0))), glints]
+
+
+def _sealed_concrete(brush: Brush) -> Layers:
+    octaves = ((0.04, 0.6), (0.001, 1.5), (0.0003, 2.0))
+    return [patterns.Plain(140.0), *brush.octaves(octaves)]
+
+
+def _epoxy(brush: Brush) -> Layers:
+    return [patterns.Plain(125.0), *brush.octaves(((0.0015, 1.5), (0.0003, 4.0)))]
+
+
+def _flake_epoxy(brush: Brush) -> Layers:
+    flakes = brush.stones((0.0008, 0.0032), 0.7, (125.0, 48.0), 0.6)
+    return [patterns.Plain(128.0), flakes, *brush.octaves(((0.0015, 1.5), (0.0003, 2.0)))]
+
+
 MATERIALS: Mapping[str, Callable[[Brush], Layers]] = {
     layers.__name__.removeprefix("_"): layers
     for layers in (
         _cork, _asphalt, _stone, _wood, _plastic, _metal, _walking_tile, _dry_earth, _worn_asphalt,
         _concrete, _wet_concrete, _gravel, _sand, _grass, _bark, _brick, _cobble, _planks,
+        _carpet, _terrazzo, _slabs, _tile, _wet_asphalt, _sealed_concrete, _epoxy, _flake_epoxy,
     )
 }  # fmt: skip
 """Function that paints the layers of a ground with a brush, lowest layer first; keyed by ground."""

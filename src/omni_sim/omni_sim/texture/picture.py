@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from omni_core.configuration import ConfigurationError
-from omni_sim.texture.texture import BLOCK, FEWEST_TEXELS, INCH, MOST_TEXELS, GroundTexture
+from omni_sim.texture.configuration import BLOCK, FEWEST_TEXELS, INCH, MOST_TEXELS
+from omni_sim.texture.texture import GroundTexture
 
 _KEY = "picture"
 _FORMATS = ("PNG", "TIFF", "JPEG", "BMP", "PPM", "WEBP")

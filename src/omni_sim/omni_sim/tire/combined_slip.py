@@ -26,10 +26,10 @@ from numpy.typing import ArrayLike
 
 from omni_core.kernels import lean
 from omni_core.quantities import FloatArray, Pair
+from omni_sim.tire.interface.configuration import TireConfiguration, TMeasyConfiguration
 from omni_sim.tire.interface.model import flat_together
-from omni_sim.tire.models import tmeasy
+from omni_sim.tire.models import kernel_parameters, tmeasy
 from omni_sim.tire.models.tmeasy import CurvePoint, TMeasyParameters
-from omni_sim.tire.tire import TireConfiguration
 
 
 @lean
@@ -69,7 +69,7 @@ def combined_curve(x: CurvePoint, y: CurvePoint, norms: Pair, q: Pair) -> CurveP
 
 
 def combined_forces(
-    tire: tmeasy.TMeasyConfiguration,
+    tire: TMeasyConfiguration,
     slip_x: ArrayLike,
     slip_y: ArrayLike,
     load: ArrayLike,
@@ -134,7 +134,7 @@ def passive_parameters(tire: TireConfiguration) -> Any:
         tire: tire of the rollers.
     """
     if tire.model != "tmeasy":
-        return tire.kernel_parameters
+        return kernel_parameters(tire)
     return TMeasyParameters(tmeasy.direction_coefficients(tire.tmeasy, "y"))
 
 

@@ -1,6 +1,7 @@
 """Configuration of the simulated vehicle: wheels, masses, tires, brakes, drive and suspension."""
 
 import functools
+import math
 from collections.abc import Mapping
 
 import numpy as np
@@ -17,22 +18,66 @@ from omni_core.configuration import (
 )
 from omni_core.kinematics import PlatformKinematics
 from omni_core.quantities import GRAVITY, LARGEST_OFFSET
-from omni_sim.tire.tire import TireConfiguration
-from omni_sim.vehicle import loads
-from omni_sim.vehicle.suspension import SuspensionConfiguration
-from omni_sim.wheel.passive_losses import PassiveLossConfiguration
+from omni_sim.masses import (
+    MAXIMUM_WHEELS,
+    ForkConfiguration,
+    MassConfiguration,
+    MassProperties,
+    support_polygon,
+)
+from omni_sim.tire.interface.configuration import TireConfiguration
+from omni_sim.wheel.configuration import Motor, PassiveLossConfiguration
 from omni_sim.wheel.roller_geometry import RollerConfiguration, RollerGeometry, roller_geometries
 
 
 class DriveConfiguration(Configuration):
-    """Motor drive of each wheel: an ideal speed source behind a clutch (Appendix A)."""
+    """Motor drive of each wheel: a speed source behind a clutch (Appendix A).
+
+    By default, the source is ideal within the torque of the clutch. All quantities are those at the
+    wheel, after the gear.
+    """
 
     clutch_threshold: float = parameter(0.05, above=0.0, maximum=1.0)
     """Pedal position at which the clutch opens"""
     stiffness: float = parameter(5000.0, unit="N m s/rad", minimum=0.0, maximum=1.0e6)
     """Torque of the engaged clutch divided by its speed difference"""
     max_torque: float = parameter(1500.0, unit="N m", minimum=0.0, maximum=1.0e6)
-    """Limit on the torque of the engaged clutch"""
+    """Limit on the torque of the engaged clutch, or of the motor's current"""
+    max_power: float = parameter(0.0, unit="W", minimum=0.0, maximum=1.0e9)
+    """Limit on the mechanical power (0: no limit)"""
+    stall_torque: float = parameter(0.0, unit="N m", minimum=0.0, maximum=1.0e7)
+    """Torque at rest at the largest voltage, without the limit `max_torque`; the back EMF reduces
+    it in proportion to the speed (0: no limit by the voltage)"""
+    no_load_speed: float = parameter(0.0, unit="rad/s", minimum=0.0, maximum=1.0e4)
+    """Speed at the largest voltage without torque; belongs to `stall_torque`"""
+    current_time: float = parameter(0.0, unit="s", minimum=0.0, maximum=1.0)
+    """Time constant of the current loop, with which the torque follows the speed controller"""
+
+    def check_consistency(self) -> None:
+        """Check that the limit by the voltage has both of its values.
+
+        Raises:
+            ConfigurationError: only one of stall torque and no-load speed is given.
+        """
+        if (self.stall_torque > 0.0) != (self.no_load_speed > 0.0):
+            raise ConfigurationError(
+                "no_load_speed", "belongs to stall_torque: give both, or neither"
+            )
+
+    @property
+    def is_ideal(self) -> bool:
+        """Whether the drive has neither lag nor limits except that of the torque."""
+        return max(self.max_power, self.stall_torque, self.current_time) == 0.0
+
+    def motor(self, physics_step: float) -> Motor:
+        """Return the motor for the kernel; `physics_step` is the length of a step [s]."""
+        lag = self.current_time
+        return Motor(
+            limit=self.max_torque,
+            slope=self.stall_torque / self.no_load_speed if self.no_load_speed else math.inf,
+            idling=self.no_load_speed or math.inf,
+            response=-math.expm1(-physics_step / lag) if lag > 0.0 else 1.0,
+        )
 
 
 class WheelCondition(Configuration):
@@ -53,6 +98,23 @@ class WheelCondition(Configuration):
     """Time from which `brake`, `open_valve` and `stuck_brake` have an effect"""
 
 
+class SuspensionConfiguration(Configuration):
+    """Springs between ground and chassis, one for each wheel; none by default."""
+
+    stiffness: float = parameter(0.0, unit="N/m", minimum=0.0, maximum=1.0e8)
+    """Vertical stiffness of each wheel with its suspension; 0 for no suspension: the wheel
+    loads are those of a rigid chassis on equal springs, and follow the acceleration with the time
+    constant `load_transfer_time`"""
+    damping_ratio: float = parameter(0.3, minimum=0.0, maximum=2.0)
+    """Damping ratio of the chassis in heave"""
+    pitch_inertia: float = parameter(0.0, unit="kg m^2", minimum=0.0, maximum=1.0e9)
+    """Moment of inertia of body and load about the lateral axis through their center of gravity;
+    0 to use that of a homogeneous box as long as the chassis"""
+    roll_inertia: float = parameter(0.0, unit="kg m^2", minimum=0.0, maximum=1.0e9)
+    """Moment of inertia of body and load about the longitudinal axis through their center of
+    gravity; 0 to use that of a homogeneous box as wide as the chassis"""
+
+
 _SOUND = WheelCondition()
 
 
@@ -71,11 +133,11 @@ class VehicleConfiguration(Configuration):
     """Center of the chassis, forward of base_link"""
     chassis_y: float = parameter(0.0, unit="m", minimum=-LARGEST_OFFSET, maximum=LARGEST_OFFSET)
     """Center of the chassis, left of base_link"""
-    body: loads.MassConfiguration = parameter()
+    body: MassConfiguration = parameter()
     """Mass of the chassis including wheels and drives"""
-    load: loads.MassConfiguration = section(lambda: loads.MassConfiguration(mass=0.0, height=0.0))
+    load: MassConfiguration = section(lambda: MassConfiguration(mass=0.0, height=0.0))
     """Movable load"""
-    fork: loads.ForkConfiguration = section(loads.ForkConfiguration)
+    fork: ForkConfiguration = section(ForkConfiguration)
     """Fork that lifts the load during a run"""
     tire: TireConfiguration = section(TireConfiguration)
     """Tire of every wheel"""
@@ -122,9 +184,9 @@ class VehicleConfiguration(Configuration):
         return self.chassis_x, self.chassis_y
 
     @functools.cached_property
-    def masses(self) -> loads.MassProperties:
+    def masses(self) -> MassProperties:
         """Mass properties of body and load together."""
-        return loads.MassProperties.of(self.body, self.load)
+        return MassProperties.of(self.body, self.load)
 
     def height_at(self, time: ArrayLike) -> quantities.FloatArray:
         """Return the height of the center of gravity of body and load [m] at times [s]."""
@@ -151,13 +213,14 @@ class VehicleConfiguration(Configuration):
 
     @property
     def roller_geometries(self) -> tuple[RollerGeometry, ...]:
-        """Geometry of the rollers of each wheel.
+        """Geometry of the rollers of each omni-wheel.
 
         Raises:
             ConfigurationError: the rollers do not fit on a wheel.
         """
         squeeze = self.tire.largest_load / self.tire.vertical_stiffness
-        return roller_geometries(self.wheels, self.rollers, squeeze)
+        wheels = {name: mount for name, mount in self.wheels.items() if mount.kind == "omni"}
+        return roller_geometries(wheels, self.rollers, squeeze)
 
     def check_consistency(self) -> None:
         """Check that the platform can move, and does not tip over at rest.
@@ -186,6 +249,8 @@ class VehicleConfiguration(Configuration):
             "passive_losses": self.passive_losses.active,
             "brake.kind": self.brake.is_ramped,
             "fork": bool(self.fork.time),
+            "drive": not self.drive.is_ideal,
+            "wheels.steering_limit_deg": self.is_steered,
         }
         for place in (place for place, used in lacking.items() if used):
             if self.wheel_model == "mujoco":
@@ -194,14 +259,12 @@ class VehicleConfiguration(Configuration):
         if self.body.mass + self.load.mass <= 0.0:
             raise ConfigurationError("body.mass", "body and load together must have a mass")
         position = kinematics.geometry.position
-        if len(position) > loads.MAXIMUM_WHEELS:
-            raise ConfigurationError(
-                "wheels", f"at most {loads.MAXIMUM_WHEELS} wheels are supported"
-            )
+        if len(position) > MAXIMUM_WHEELS:
+            raise ConfigurationError("wheels", f"at most {MAXIMUM_WHEELS} wheels are supported")
         masses = self.masses
         if masses.yaw_inertia <= 0.0:
             raise ConfigurationError("body.yaw_inertia", "the vehicle must have a yaw inertia")
-        hull = position[loads.support_polygon(position)]
+        hull = position[support_polygon(position)]
         edges = np.roll(hull, -1, axis=0) - hull
         inside = geometry.cross(edges, masses.center - hull) / np.linalg.norm(edges, axis=1)
         if len(hull) < 3 or float(np.min(inside)) <= 0.0:
@@ -228,7 +291,7 @@ class VehicleConfiguration(Configuration):
         if not self.has_conventional_wheels:
             return
         for place, used in (
-            ("wheel_model", self.wheel_model != "single"),
+            ("wheel_model", self.wheel_model == "rollers"),
             ("contact", self.contact != "ideal"),
             ("passive_losses", self.passive_losses.active),
         ):

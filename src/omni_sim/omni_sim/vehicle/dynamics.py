@@ -27,13 +27,18 @@ from omni_core.kernels import lean, lean_inline, linked
 from omni_core.quantities import GRAVITY, FloatArray, Pair, Triple
 from omni_sim.vehicle import state as layout
 from omni_sim.vehicle.loads import wheel_loads
-from omni_sim.vehicle.roller_dynamics import displace_contacts, roller_energies, step_roller_wheel
+from omni_sim.vehicle.roller_dynamics import (
+    contact_shift,
+    displace_contacts,
+    roller_energies,
+    step_roller_wheel,
+)
 from omni_sim.vehicle.state import Energies, Step
 from omni_sim.vehicle.suspension import sprung_loads
 from omni_sim.vehicle.uneven_ground import frame_turn, level, stand
 from omni_sim.vehicle.wheel_steps import squared_bends, step_omni_wheel, step_treaded_wheel
 from omni_sim.wheel.brake_pressure import press, set_demand
-from omni_sim.wheel.drivetrain import Drive
+from omni_sim.wheel.drivetrain import clutch_torque, motor_drive
 from omni_sim.wheel.passive_losses import passive_force
 from omni_sim.wheel.steering import driven_speed, steer
 
@@ -169,13 +174,15 @@ def _carry(
         pull: force [N] and moment of the wheels in the body frame.
         height: height of the center of gravity [m].
     """
-    plant = state.plant
+    plant, shift = state.plant, contact_shift(state, state.rollers)
     weight = plant.mass * max(pressing, 0.0)
     if state.suspension.stiffness > 0.0:
-        tilting = (height * pull[0], height * pull[1])
+        tilting = (height * pull[0] + shift[0], height * pull[1] + shift[1])
         return sprung_loads(plant, state.suspension, state.wheels, weight, tilting, state.loads)
     reach = -height / max(pressing, _LEAST_PRESSING)
     z_x, z_y = reach * body.a_x, reach * body.a_y
+    if weight > 0.0:
+        z_x, z_y = z_x - shift[0] / weight, z_y - shift[1] / weight
     return wheel_loads(plant.position, plant.plane, plant.hull, weight, z_x, z_y, state.loads)
 
 
@@ -396,15 +403,15 @@ def _step_wheels(
         )
         if treads is not None:
             speed = driven_speed(treads.steering, i, speed)
-        drive = Drive(step.drive_stiffness, speed, plant.drive_limit)
+        stiffness, power = step.drive_stiffness, plant.drive_power
         torque = plant.brake_share[i] * brake[i]
-        ramped = plant.ramp[i] > 0.0 and step.drive_stiffness <= 0.0
+        ramped = plant.ramp[i] > 0.0 and stiffness <= 0.0
         if ramped:
             reduced = max(abs(wheel.command) - plant.dt * plant.ramp[i] * torque, 0.0)
             wheel.command = math.copysign(reduced, wheel.command) if torque > 0.0 else omega
             stiffness = plant.drive_stiffness if torque > 0.0 else 0.0
-            limit = _limited(plant.drive_limit, omega, plant.brake_power)
-            drive = Drive(stiffness, wheel.command, limit)
+            speed, power = wheel.command, plant.brake_power
+        drive = motor_drive(plant.motor, stiffness, speed, omega, wheel.motor, power)
         torque = 0.0 if plant.ramp[i] > 0.0 else _limited(torque, omega, plant.brake_power)
         if rollers is None:
             if treads is None:
@@ -413,9 +420,9 @@ def _step_wheels(
                 step_treaded_wheel(state, treads, step, i, torque, drive)
         else:
             step_roller_wheel(plant, rollers, wheel, step, i, torque, drive)
+        wheel.motor = clutch_torque(drive, wheel.speed)
         if ramped:
-            held = drive.stiffness * (drive.speed - wheel.speed)
-            wheel.brake = min(max(held, -drive.limit), drive.limit)
+            wheel.brake = wheel.motor
         else:
             wheel.command = wheel.speed
         wheel.angle += 0.5 * plant.dt * (omega + wheel.speed)

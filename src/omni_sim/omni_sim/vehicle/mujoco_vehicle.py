@@ -3,7 +3,8 @@
 Chassis, load, wheels and all rollers are separate bodies. Each wheel is mounted on a vertical
 spring, because a rigid chassis on four wheels is statically indeterminate: a height difference of a
 millimeter would determine which three wheels carry load. Rollers are ellipsoids that touch the
-wheel's envelope at their middle and at the change to the next roller. Friction is Coulomb friction
+wheel's envelope at their middle and at the change to the next roller; a conventional wheel is a
+sphere that turns about its axle. Friction is Coulomb friction
 without a slip curve. At the start of a call of `advance`, the friction coefficient of a wheel
 becomes the sliding force of the tire on the ground under it, divided by the wheel load. The brake
 is dry friction in the wheel's joint, and the drive is a velocity servo in the same joint.
@@ -15,9 +16,8 @@ Source: E. Todorov, T. Erez and Y. Tassa, "MuJoCo: A physics engine for model-ba
 2012. The package is optional, see `requirements/mujoco.in`.
 """
 
-import importlib
+import itertools
 import math
-import os
 from collections.abc import Iterator
 from typing import Any
 
@@ -25,10 +25,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from omni_core.configuration import ConfigurationError
+from omni_core.geometry import WheelMount
 from omni_core.kinematics import PlatformKinematics
 from omni_core.quantities import GRAVITY, FloatArray
-from omni_sim.ground.elevation import ElevationConfiguration
+from omni_sim.ground.configuration import ElevationConfiguration
 from omni_sim.ground.friction import FrictionMap, friction_at
+from omni_sim.mujoco_import import load_mujoco
 from omni_sim.tire.interface.model import curve_at
 from omni_sim.vehicle import state as layout
 from omni_sim.vehicle.configuration import VehicleConfiguration
@@ -37,8 +39,6 @@ from omni_sim.vehicle.plant import static_loads
 from omni_sim.vehicle.vehicle import Vehicle, VehicleInputError
 from omni_sim.wheel.brake_pressure import press, set_demand
 from omni_sim.wheel.roller_geometry import RollerConfiguration
-
-INSTALL = "./omni install mujoco"
 
 _DAMPING_RATIO = 0.5  # damping ratio of the vehicle on its springs
 _SOFTNESS = 0.002  # time constant of contacts and of the brakes' friction [s]
@@ -52,19 +52,6 @@ def build_vehicle(configuration: VehicleConfiguration, *others: Any, **options: 
     """
     kind = MujocoVehicle if configuration.wheel_model == "mujoco" else Vehicle
     return kind(configuration, *others, **options)
-
-
-def load_mujoco() -> Any:
-    """Return the module of MuJoCo, imported without the viewer.
-
-    Raises:
-        ConfigurationError: MuJoCo is not installed; the message explains how to install it.
-    """
-    os.environ.setdefault("MUJOCO_GL", "disable")
-    try:
-        return importlib.import_module("mujoco")
-    except ImportError as error:
-        raise ConfigurationError("mujoco", f"is not installed; {INSTALL}") from error
 
 
 class MujocoVehicle(Vehicle):
@@ -118,8 +105,10 @@ class MujocoVehicle(Vehicle):
         self._angles = np.array([int(joint.qposadr[0]) for joint in joints])
         springs = [self._model.joint(f"spring_{i}") for i in range(n)]
         self._springs = np.array([int(joint.qposadr[0]) for joint in springs])
-        count = configuration.rollers.count  # the ground plane is the first geometry
-        self._geometries = 1 + np.arange(n * count).reshape(n, count)
+        touching = [_touching(configuration, mount) for mount in configuration.wheels.values()]
+        ends = 1 + np.cumsum([0, *touching])  # the ground plane is the first geometry
+        self._geometries = [np.arange(*pair) for pair in itertools.pairwise(ends)]
+        self._wheel_of = np.repeat(np.arange(-1, n), [1, *touching])
         return state
 
     def place(self, pose: ArrayLike, twist: ArrayLike) -> None:
@@ -141,9 +130,10 @@ class MujocoVehicle(Vehicle):
         for i, hub in enumerate(self.kinematics.wheel_velocities(moving)):
             n_x, n_y = geometry.active[i]
             sliding = hub - speeds[i] * geometry.radius[i] * geometry.rolling[i]
-            spin = (sliding[0] * n_y - sliding[1] * n_x) / rollers.radius
-            for k in range(rollers.count):
-                data.qvel[self._model.joint(f"roller_{i}_{k}").dofadr[0]] = spin
+            surface = sliding[0] * n_y - sliding[1] * n_x
+            for k in range(0 if geometry.conventional[i] else rollers.count):
+                joint = self._model.joint(f"roller_{i}_{k}")
+                data.qvel[joint.dofadr[0]] = surface / rollers.radii[k % 2]
         self._mujoco.mj_forward(self._model, data)
         self._write_back(np.zeros(len(speeds)))
 
@@ -231,7 +221,7 @@ class MujocoVehicle(Vehicle):
         for index, contact in enumerate(data.contact):
             push = np.zeros(6)
             self._mujoco.mj_contactForce(self._model, data, index, push)
-            wheel = (max(contact.geom) - 1) // self._geometries.shape[1]
+            wheel = self._wheel_of[max(contact.geom)]
             force[wheel] += contact.frame.reshape(3, 3).T @ push[:3]
         cos, sin = math.cos(yaw), math.sin(yaw)
         in_body = force[:, :2] @ np.array([[cos, -sin], [sin, cos]])
@@ -276,15 +266,16 @@ def _model(
     yield f"<default><geom friction='0 0 0' condim='3' solref='{soft}'/></default>"
     yield "<worldbody><geom type='plane' size='1 1 1' contype='0' conaffinity='1'/>"
     yield "<body name='base'><freejoint/>"
-    wheel_mass = rollers.count * _roller_mass(rollers)
-    yield from _chassis(vehicle, wheel_mass)
     geometry = PlatformKinematics(vehicle.wheels).geometry
+    # The mass of a conventional wheel belongs to the body.
+    masses = ~geometry.conventional * 0.5 * rollers.count * np.sum(_roller_masses(rollers))
+    yield from _chassis(vehicle, masses)
     for i, mount in enumerate(vehicle.wheels.values()):
         distance = mount.radius - rollers.radius
         u_x, u_y = geometry.rolling[i]
         axis = np.array([-u_y, u_x, 0.0])
-        rest = (wheel_mass * GRAVITY - loads[i]) / suspension + offsets[i]
-        hub = max(vehicle.wheel_inertia - wheel_mass * distance**2, 0.1 * vehicle.wheel_inertia)
+        rest = (masses[i] * GRAVITY - loads[i]) / suspension + offsets[i]
+        hub = max(vehicle.wheel_inertia - masses[i] * distance**2, 0.1 * vehicle.wheel_inertia)
         yield f"<body pos='{mount.x} {mount.y} {mount.radius}'>"
         yield (
             f"<joint name='spring_{i}' type='slide' axis='0 0 1' stiffness='{suspension}' "
@@ -296,16 +287,24 @@ def _model(
         )
         yield "<inertial pos='0 0 0' mass='0.01' diaginertia='1e-4 1e-4 1e-4'/>"
         tilt = abs(float(geometry.active[i] @ geometry.rolling[i]))  # sin(delta)
-        yield from _rollers(
-            rollers, i, mount.radius, tilt, axis, np.array([*geometry.active[i], 0.0])
-        )
+        if geometry.conventional[i]:
+            size = f"type='sphere' size='{mount.radius}' mass='0'"
+            yield f"<geom {size} contype='1' conaffinity='0'/>"
+        else:
+            lowest = np.array([*geometry.active[i], 0.0])
+            yield from _rollers(rollers, i, mount.radius, tilt, axis, lowest)
         yield "</body>"
     yield f"</body></worldbody><actuator>{_drives(n, vehicle.drive.max_torque)}</actuator></mujoco>"
 
 
-def _roller_mass(rollers: RollerConfiguration) -> float:
-    """Return the mass [kg] of a cylinder with the radius and moment of inertia of a roller."""
-    return 2.0 * rollers.inertia / rollers.radius**2
+def _touching(vehicle: VehicleConfiguration, mount: WheelMount) -> int:
+    """Return the number of geometries of a wheel that can touch the ground."""
+    return 1 if mount.kind == "conventional" else vehicle.rollers.count
+
+
+def _roller_masses(rollers: RollerConfiguration) -> FloatArray:
+    """Return the masses [kg] of cylinders with radii and inertias of even and odd rollers, (2,)."""
+    return np.asarray(2.0 * rollers.inertias / np.square(rollers.radii))
 
 
 def _rollers(
@@ -326,42 +325,40 @@ def _rollers(
         axis: axis of the wheel, a unit vector, shape (3,).
         lowest: axis of the lowest roller, a unit vector, shape (3,).
     """
-    distance = radius - rollers.radius
-    # These ellipsoids touch the envelope at their middle and at the change of rollers.
-    half = distance * math.tan(math.pi / rollers.count) / tilt
-    change = radius - distance / math.cos(math.pi / rollers.count)
-    length = half / math.sqrt(1.0 - (change / rollers.radius) ** 2)
-    mass = _roller_mass(rollers)
-    across = mass * (rollers.radius**2 / 4.0 + half**2 / 3.0)
+    tangent, cosine = math.tan(math.pi / rollers.count), math.cos(math.pi / rollers.count)
+    masses = _roller_masses(rollers)
     for k in range(rollers.count):
-        angle = 2.0 * math.pi * k / rollers.count
-        place = _turned(np.array([0.0, 0.0, -distance]), axis, angle)
+        size, mass, inertia = rollers.radii[k % 2], masses[k % 2], rollers.inertias[k % 2]
+        distance = radius - size
+        # These ellipsoids touch the envelope at their middle and at the change of rollers.
+        half = distance * tangent / tilt
+        length = half / math.sqrt(1.0 - ((radius - distance / cosine) / size) ** 2)
+        across = mass * (size**2 / 4.0 + half**2 / 3.0)
+        angle, row = 2.0 * math.pi * k / rollers.count, (0.5 - k % 2) * rollers.rows_apart
+        place = _turned(np.array([0.0, 0.0, -distance]), axis, angle) + row * axis
         yield f"<body pos='{_numbers(place)}' zaxis='{_numbers(_turned(lowest, axis, angle))}'>"
         yield f"<joint name='roller_{wheel}_{k}' type='hinge' axis='0 0 1'/>"
-        yield (
-            f"<inertial pos='0 0 0' mass='{mass}' "
-            f"diaginertia='{across} {across} {rollers.inertia}'/>"
-        )
-        size = f"{rollers.radius} {rollers.radius} {length}"
-        yield f"<geom type='ellipsoid' size='{size}' contype='1' conaffinity='0'/></body>"
+        yield (f"<inertial pos='0 0 0' mass='{mass}' diaginertia='{across} {across} {inertia}'/>")
+        shape = f"{size} {size} {length}"
+        yield f"<geom type='ellipsoid' size='{shape}' contype='1' conaffinity='0'/></body>"
 
 
-def _chassis(vehicle: VehicleConfiguration, wheel_mass: float) -> Iterator[str]:
+def _chassis(vehicle: VehicleConfiguration, wheel_masses: FloatArray) -> Iterator[str]:
     """Generate the XML elements of the chassis and its load.
 
-    The mass of the chassis does not include the wheels; `wheel_mass` is the mass of a wheel [kg].
+    The mass of the chassis does not include the masses of the wheels [kg], shape (N,).
     """
     body, load = vehicle.body, vehicle.load
     # The body of the planar vehicle includes the wheels' mass and moment about the vertical axis.
-    reach = sum(mount.x**2 + mount.y**2 for mount in vehicle.wheels.values())
-    mass = body.mass - len(vehicle.wheels) * wheel_mass
+    reach = np.array([mount.x**2 + mount.y**2 for mount in vehicle.wheels.values()])
+    mass = body.mass - float(np.sum(wheel_masses))
     if mass <= 0.0:
         raise ConfigurationError(
             "vehicle.rollers",
-            f"radius and inertia give {wheel_mass:.3g} kg per wheel, but vehicle and wheels weigh "
-            f"{body.mass:g} kg",
+            f"radius and inertia give {np.max(wheel_masses):.3g} kg per wheel, but vehicle and "
+            f"wheels weigh {body.mass:g} kg",
         )
-    yaw_inertia = max(body.yaw_inertia - wheel_mass * reach, 0.1 * body.yaw_inertia)
+    yaw_inertia = max(body.yaw_inertia - float(wheel_masses @ reach), 0.1 * body.yaw_inertia)
     height = 2.0 * body.height
     roll = mass / 12.0 * (vehicle.chassis_width**2 + height**2)
     pitch = mass / 12.0 * (vehicle.chassis_length**2 + height**2)

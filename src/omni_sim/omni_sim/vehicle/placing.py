@@ -5,11 +5,11 @@ import math
 import numpy as np
 
 from omni_core.quantities import GRAVITY, FloatArray
+from omni_sim.masses import MassProperties
 from omni_sim.vehicle import dynamics, roller_dynamics, suspension, uneven_ground
-from omni_sim.vehicle.loads import MassProperties
 from omni_sim.vehicle.plant import static_loads
 from omni_sim.vehicle.state import ROLLER, State
-from omni_sim.wheel import brake_pressure, roller_geometry, steering
+from omni_sim.wheel import brake_pressure, roller_contact, steering
 
 _PLACEMENTS = 8  # iterations for the plane under the wheels, whose positions depend on the plane
 
@@ -66,6 +66,7 @@ def place(
     if plant.roller_pitch > 0.0:
         wheels["speed"] = _rolling_speed(state, v, twist[2])
     wheels["last_speed"] = wheels["command"] = wheels["speed"]
+    state.loads[:] = wheels["load"]
     if treads is not None:
         treads.push[:] = 0.0
         treads.state[:] = np.zeros((), ROLLER)
@@ -121,16 +122,18 @@ def _place_rollers(state: State) -> None:
     v_x, v_y = body["v_x"], body["v_y"]
     rate, pitch = body["yaw_rate"], plant.roller_pitch
     for i, radius in enumerate(rolling_radius(state)):
-        wheel, contact, axis = state.wheels[i], plant.contact[i], plant.rollers[i]
+        wheel, contact = state.wheels[i], plant.contact[i]
         angle = wheel["angle"]
-        gamma = angle - pitch * roller_geometry.nearest_roller(angle, pitch)
-        n_x, n_y, x, y, _, length, depth = roller_geometry.roller_contact(gamma, axis)
+        nearest = roller_contact.nearest_roller(angle, pitch)
+        gamma, axis = angle - pitch * nearest, plant.rollers[i, int(nearest) % 2]
+        n_x, n_y, x, y, _, length, depth = roller_contact.roller_contact(gamma, axis)
         r_x, r_y = contact["r_x"] + x, contact["r_y"] + y
         rim = radius * wheel["speed"]
         slip_x = cos * v_x + sin * v_y - rate * r_y - rim * axis["u_x"]
         slip_y = cos * v_y - sin * v_x + rate * r_x - rim * axis["u_y"]
-        spin = (slip_x * n_y - slip_y * n_x) / ((radius - depth) * length)
-        rollers.state["spin"][i] = spin
+        surface = (slip_x * n_y - slip_y * n_x) / length
+        depths = depth / axis["distance"] * plant.rollers[i]["distance"]  # of even and odd rollers
+        rollers.state["spin"][i] = np.resize(surface / (radius - depths), rollers.state.shape[1])
 
 
 def _lean_on_ground(state: State, x: float, y: float) -> None:

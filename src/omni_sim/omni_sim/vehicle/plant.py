@@ -8,10 +8,12 @@ from omni_core.geometry import cross
 from omni_core.kinematics import PlatformKinematics
 from omni_core.quantities import GRAVITY, FloatArray
 from omni_sim.ground.friction import FrictionMap
+from omni_sim.masses import support_polygon
 from omni_sim.tire.combined_slip import passive_parameters
+from omni_sim.tire.models import kernel_parameters
 from omni_sim.vehicle import state
 from omni_sim.vehicle.configuration import VehicleConfiguration
-from omni_sim.vehicle.loads import load_plane, support_polygon, wheel_loads
+from omni_sim.vehicle.loads import load_plane, wheel_loads
 from omni_sim.wheel.roller_geometry import AXIS
 from omni_sim.wheel.steering import build_steering
 
@@ -49,10 +51,11 @@ def build_plant(
         plane=load_plane(lever),
         hull=support_polygon(lever),
         wheel_inertia=configuration.wheel_inertia,
-        drive_limit=configuration.drive.max_torque,
+        motor=configuration.drive.motor(physics_step),
+        drive_power=configuration.drive.max_power or math.inf,
         drive_stiffness=configuration.drive.stiffness,
         ramp=ramp / geometry.radius,
-        tire=tire.kernel_parameters,
+        tire=kernel_parameters(tire),
         largest_load=tire.largest_load,
         stiffness=tire.stiffness,
         damping=tire.damping,
@@ -63,7 +66,7 @@ def build_plant(
         grip=configuration.by_wheel("friction"),
         brake_share=configuration.by_wheel("brake"),
         brake_power=brake.max_power or math.inf,
-        rollers=np.array([roller.constants for roller in rollers], AXIS),
+        rollers=np.array([roller.constants for roller in rollers], AXIS).reshape(-1, 2),
         roller_pitch=2.0 * rollers[0].half_pitch if rollers else 0.0,
     )
     radius = geometry.radius - static_loads(plant) / tire.vertical_stiffness
@@ -115,7 +118,7 @@ def build_rollers(configuration: VehicleConfiguration) -> state.Rollers | None:
     rollers, n = configuration.rollers, len(configuration.wheels)
     return state.Rollers(
         tire_y=passive_parameters(configuration.tire),
-        inertia=rollers.inertia,
+        inertia=rollers.inertias,
         stiffness=rollers.stiffness,
         damping=rollers.damping,
         overlap=rollers.overlap,
@@ -123,7 +126,7 @@ def build_rollers(configuration: VehicleConfiguration) -> state.Rollers | None:
         growing=configuration.passive_losses.growing_share,
         quadratic=configuration.passive_losses.speed_growth,
         state=np.zeros((n, rollers.count), state.ROLLER),
-        push=np.zeros((n, 3)),
+        push=np.zeros((n, 5)),
     )
 
 

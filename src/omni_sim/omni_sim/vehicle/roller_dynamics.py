@@ -1,10 +1,10 @@
 """Wheels with individual rollers in the dynamics kernel: rollers on the ground and their forces.
 
 Wheels and contacts are modeled in `wheel.roller`. Forces act at the displaced contact points, Eqs.
-(10), (11), so their levers about the center of gravity vary with the wheel angles. The loads are
-computed as if the contacts were under the wheel centers. While two rollers of a wheel touch the
-ground, the equations of the wheel and the lower roller are solved together. For the other roller,
-they contain its force in the last step.
+(10), (11), so their levers about the center of gravity vary with the wheel angles. The loads act
+there, too: `dynamics` computes them with the displacements of the last step. While two rollers of a
+wheel touch the ground, the equations of the wheel and the lower roller are solved together. For the
+other roller, they contain its force in the last step.
 """
 
 import math
@@ -14,10 +14,10 @@ from omni_core.kernels import lean, lean_inline
 from omni_core.quantities import Pair
 from omni_sim.ground.friction import friction_at
 from omni_sim.tire.interface.model import curve_at
-from omni_sim.vehicle.state import Plant, Record, Rollers, Step, Structured
+from omni_sim.vehicle.state import Plant, Record, Rollers, State, Step, Structured
 from omni_sim.wheel.drivetrain import Drive, Spin
 from omni_sim.wheel.roller import RollerHub, RollerPatch, RollerStep, load_share, roller_step
-from omni_sim.wheel.roller_geometry import nearest_roller, roller_contact
+from omni_sim.wheel.roller_contact import nearest_roller, roller_contact
 from omni_sim.wheel.single import TireConstants
 
 # Inertia that is so large that the speed of the wheel is practically constant [kg m^2].
@@ -59,12 +59,32 @@ def displace_contacts(plant: Plant, wheels: Structured, contacts: Structured) ->
         angle = wheels[i].angle + 0.5 * plant.dt * wheels[i].speed
         nearest = nearest_roller(angle, plant.roller_pitch)
         gamma = angle - plant.roller_pitch * nearest
-        n_x, n_y, x, y, rim, _, _ = roller_contact(gamma, plant.rollers[i])
+        n_x, n_y, x, y, rim, _, _ = roller_contact(gamma, plant.rollers[i, int(nearest) % 2])
         contact = contacts[i]
         contact.r_x, contact.r_y = plant.contact[i].r_x + x, plant.contact[i].r_y + y
         contact.n_x, contact.n_y = n_x, n_y
         contact.moment = contact.r_x * n_y - contact.r_y * n_x
         contact.rim = rim
+
+
+@lean
+def contact_shift(state: State, rollers: Rollers | None) -> Pair:
+    """Return the sum of wheel load times displacement of the contact in the last step [N m].
+
+    The displacement is that of the rollers on the ground from the point under the wheel's center.
+    The wheel loads act at the displaced contacts, so they move by its mean in the other direction.
+    """
+    x, y = 0.0, 0.0
+    if state.plant.roller_pitch > 0.0:
+        for i in range(state.wheels.shape[0]):
+            if rollers is None:
+                contact, nominal = state.contacts[i], state.plant.contact[i]
+                x += state.loads[i] * (contact.r_x - nominal.r_x)
+                y += state.loads[i] * (contact.r_y - nominal.r_y)
+            else:
+                x += rollers.push[i, 3]
+                y += rollers.push[i, 4]
+    return x, y
 
 
 @lean
@@ -93,7 +113,7 @@ def step_roller_wheel(
     first, second = int(nearest % count), int(beside % count)
     shared = share < 1.0
     _lift(rollers.state[i], first, second if shared else first)
-    for j in range(3):
+    for j in range(5):
         rollers.push[i, j] = 0.0
     held = rollers.state[i, second].torque if shared else 0.0  # of the previous step
     spin = Spin(omega + plant.dt * held / plant.wheel_inertia, plant.wheel_inertia, brake)
@@ -103,7 +123,7 @@ def step_roller_wheel(
     if shared:
         other = _Touch(i, second, angle - pitch * beside, (1.0 - share) * load, load, omega)
         prescribed = Spin(wheel.speed, _PRESCRIBED, 0.0)
-        _step_contact(plant, rollers, step, other, prescribed, Drive(0.0, 0.0, 0.0))
+        _step_contact(plant, rollers, step, other, prescribed, Drive(0.0, 0.0, 0.0, 0.0))
         limit += rollers.state[i, second].limit
     contact, roller = plant.contact[i], rollers.state[i, first]
     wheel.deflection, wheel.sliding, wheel.slip = roller.e_a, roller.sliding, roller.slip
@@ -143,17 +163,17 @@ def _step_contact(
         spin: spin of the wheel, to which the torque of the other roller has been applied.
         drive: drive of the wheel.
     """
-    i = touch.wheel
-    roller, push, axis = rollers.state[i, touch.roller], rollers.push[i], plant.rollers[i]
+    i, parity = touch.wheel, touch.roller % 2
+    roller, push, axis = rollers.state[i, touch.roller], rollers.push[i], plant.rollers[i, parity]
+    inertia = rollers.inertia[parity]
     radius = plant.radius[i] - touch.wheel_load / plant.vertical_stiffness  # r_D of Eq. (1)
     # Largest change of the contact's velocity per force, if all forces act together.
     mobility = plant.dt * plant.mobility[i]
     n_x, n_y, r_x, r_y, rim_active, length, depth = roller_contact(touch.gamma, axis)
+    push[3], push[4] = push[3] + touch.load * r_x, push[4] + touch.load * r_y
     p_x, p_y = n_y, -n_x
-    r_x += plant.contact[i].r_x
-    r_y += plant.contact[i].r_y
-    x, y = step.place
-    cos, sin = step.heading
+    r_x, r_y = r_x + plant.contact[i].r_x, r_y + plant.contact[i].r_y
+    (x, y), (cos, sin) = step.place, step.heading
     friction = friction_at(
         plant.friction, plant.patches, x + cos * r_x - sin * r_y, y + sin * r_x + cos * r_y
     )
@@ -172,13 +192,13 @@ def _step_contact(
         hub_x * n_x + hub_y * n_y - mobility * roller.f_a,
         hub_x * p_x + hub_y * p_y - mobility * roller.f_p,
     )
-    turned = _slowed(rollers, roller, touch.load, plant.dt, spin_lever)
+    turned = _slowed(rollers, roller, touch.load, spin_lever, plant.dt * spin_lever / inertia)
     deflection, direction = (roller.e_a, roller.e_p), (roller.q_a, roller.q_p)
     after = roller_step(
         TireConstants(rollers.stiffness, rollers.damping, plant.dt),
         (curve_at(plant.tire, clamped, friction), curve_at(rollers.tire_y, clamped, friction)),
         RollerPatch(deflection, speed + plant.slip_speed, roller.sliding, direction),
-        RollerHub(lever, velocity, mobility, turned, rollers.inertia, spin_lever),
+        RollerHub(lever, velocity, mobility, turned, inertia, spin_lever),
         spin,
         drive,
     )
@@ -192,18 +212,17 @@ def _step_contact(
 
 
 @lean_inline
-def _slowed(rollers: Rollers, roller: Record, load: float, dt: float, spin_lever: float) -> float:
+def _slowed(rollers: Rollers, roller: Record, load: float, spin_lever: float, turn: float) -> float:
     """Return a roller's spin after a step of dry friction, which can bring it to rest [rad/s].
 
     Args:
         rollers: constants of the friction.
         roller: state of the roller.
         load: load of the roller [N].
-        dt: length of the step [s].
         spin_lever: ratio of the speed of the roller's surface to its spin [m].
+        turn: change of the spin in the step per force [rad/s per N].
     """
     spin: float = roller.spin
-    turn = dt * spin_lever / rollers.inertia  # change of spin in a step per force [rad/s/N]
     free: float = spin - turn * roller.f_p
     surface = spin_lever * spin
     share = rollers.constant + rollers.growing * load + rollers.quadratic * surface * surface
@@ -230,6 +249,6 @@ def roller_energies(rollers: Rollers) -> Pair:
     for i in range(rollers.state.shape[0]):
         for k in range(rollers.state.shape[1]):
             roller = rollers.state[i, k]
-            spin += 0.5 * rollers.inertia * roller.spin**2
+            spin += 0.5 * rollers.inertia[k % 2] * roller.spin**2
             elastic += 0.5 * rollers.stiffness * (roller.e_a**2 + roller.e_p**2)
     return spin, elastic

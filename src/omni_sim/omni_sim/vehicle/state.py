@@ -11,9 +11,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from omni_core.kernels import by_reference
 from omni_core.quantities import BoolArray, FloatArray, IntArray, Pair, Triple
-from omni_sim.ground.elevation import Terrain
+from omni_sim.ground.configuration import Terrain
 from omni_sim.wheel.brake_pressure import BrakePressure
+from omni_sim.wheel.configuration import Motor
 
 Structured = NDArray[np.void]
 Record = Any
@@ -48,7 +50,7 @@ CONTACT = _floats("r_x", "r_y", "n_x", "n_y", "moment", "rim")
 
 WHEEL = _floats(
     *("speed", "angle", "deflection", "force", "load", "brake", "command", "slip", "limit"),
-    *("passive", "gain", "last_speed"),
+    *("passive", "gain", "last_speed", "motor"),
     flag="sliding",
 )
 """State of a wheel; the fields from `load` on describe the last step.
@@ -65,6 +67,7 @@ WHEEL = _floats(
     passive      force of the passive losses on the vehicle [N]
     gain         wheel speed that the passive losses add in a step [rad/s]
     last_speed   wheel speed before the step, used only with passive losses [rad/s]
+    motor        torque of the drive on the wheel [N m]
     sliding      whether the contact patch slides
 """
 
@@ -109,6 +112,7 @@ COUNTERS = np.dtype([("tipping_steps", np.int64), ("overloaded_steps", np.int64)
 """Counters: steps in which the vehicle tips, and sum of the overloaded wheels over all steps."""
 
 
+@by_reference
 class Plant(NamedTuple):
     """Constants of a vehicle's kernel.
 
@@ -124,9 +128,10 @@ class Plant(NamedTuple):
         rolling: wheel speeds per unit of body twist, Eq. (32), shape (N, 3).
         position: position of the wheels relative to the center of gravity [m], shape (N, 2).
         plane: matrix from `loads.load_plane`, shape (N, 3).
-        hull: indices of the wheels from `loads.support_polygon`.
+        hull: indices of the wheels from `masses.support_polygon`.
         wheel_inertia: moment of inertia I of a wheel about its axis [kg m^2].
-        drive_limit: limit on the torque of a clutch [N m].
+        motor: motor of each drive.
+        drive_power: limit on the power of a drive that follows its command [W].
         drive_stiffness: stiffness of a velocity drive that brakes [N m s/rad].
         ramp: rate at which a velocity drive reduces its speed command, divided by the demanded
             brake torque [rad/s^2 per N m]; 0 for friction brakes, shape (N,).
@@ -141,8 +146,8 @@ class Plant(NamedTuple):
         grip: factor by which the friction under each wheel is multiplied [1], shape (N,).
         brake_share: factor by which the torque of each wheel's brake is multiplied [1], shape (N,).
         brake_power: limit on the power of a wheel's brake [W].
-        rollers: geometry of the rollers, `roller_geometry.AXIS`, shape (N,); shape (0,) if the
-            contacts remain under the wheels.
+        rollers: geometry of even and odd rollers, `roller_geometry.AXIS`, shape (N, 2); shape (0,
+            2) if the contacts remain under the wheels.
         roller_pitch: angle between two rollers [rad]; 0 if the contacts remain under the wheels.
     """
 
@@ -159,7 +164,8 @@ class Plant(NamedTuple):
     plane: FloatArray
     hull: IntArray
     wheel_inertia: float
-    drive_limit: float
+    motor: Motor
+    drive_power: float
     drive_stiffness: float
     ramp: FloatArray
     tire: Any
@@ -177,6 +183,7 @@ class Plant(NamedTuple):
     roller_pitch: float
 
 
+@by_reference
 class Losses(NamedTuple):
     """Constants of the losses along the passive directions.
 
@@ -195,12 +202,13 @@ class Losses(NamedTuple):
     quadratic: float
 
 
+@by_reference
 class Rollers(NamedTuple):
     """Individual rollers of all wheels: their state, and constants in addition to `Plant`.
 
     Attributes:
         tire_y: constants of the tire model across the roller's axis.
-        inertia: moment of inertia of a roller about its axis [kg m^2].
+        inertia: moment of inertia of even and odd rollers about their axes [kg m^2], shape (2,).
         stiffness: stiffness of a roller's tread [N/m].
         damping: damping of a roller's tread [N s/m].
         overlap: overlap of neighboring rollers, `RollerConfiguration.overlap` [1].
@@ -209,11 +217,11 @@ class Rollers(NamedTuple):
         quadratic: increase of the ratio per squared speed of the roller's surface [s^2/m^2].
         state: state of the n rollers of each wheel, `ROLLER`, shape (N, n).
         push: force [N] and moment about the center of gravity [N m] of each wheel in the last step,
-            body frame, shape (N, 3).
+            and the sums of load times displacement of its contacts [N m], body frame, shape (N, 5).
     """
 
     tire_y: Any
-    inertia: float
+    inertia: FloatArray
     stiffness: float
     damping: float
     overlap: float
@@ -224,6 +232,7 @@ class Rollers(NamedTuple):
     push: FloatArray
 
 
+@by_reference
 class Treads(NamedTuple):
     """Contacts of conventional wheels: their state, and constants in addition to `Plant`.
 
@@ -247,6 +256,7 @@ class Treads(NamedTuple):
     lateral: Triple
 
 
+@by_reference
 class Suspension(NamedTuple):
     """Suspension of a chassis; see the module `suspension`.
 
@@ -274,6 +284,7 @@ class Suspension(NamedTuple):
     chassis: Structured
 
 
+@by_reference
 class State(NamedTuple):
     """Constants and state of a vehicle; the arrays are changed in place.
 

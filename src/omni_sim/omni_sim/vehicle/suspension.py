@@ -28,31 +28,14 @@ import math
 
 import numpy as np
 
-from omni_core.configuration import Configuration, parameter
 from omni_core.geometry import turned
 from omni_core.kernels import lean
 from omni_core.quantities import FloatArray
+from omni_sim.vehicle.configuration import SuspensionConfiguration  # noqa: F401 - earlier names
 from omni_sim.vehicle.state import Plant, Structured, Suspension
-from omni_sim.wheel.roller_geometry import nearest_roller
+from omni_sim.wheel.roller_contact import nearest_roller
 
 _BALANCES = 100  # limit on the number of iterations for a chassis at rest
-
-
-class SuspensionConfiguration(Configuration):
-    """Springs between ground and chassis, one for each wheel; none by default."""
-
-    stiffness: float = parameter(0.0, unit="N/m", minimum=0.0, maximum=1.0e8)
-    """Vertical stiffness of each wheel with its suspension; 0 for no suspension: the wheel
-    loads are those of a rigid chassis on equal springs, and follow the acceleration with the time
-    constant `load_transfer_time`"""
-    damping_ratio: float = parameter(0.3, minimum=0.0, maximum=2.0)
-    """Damping ratio of the chassis in heave"""
-    pitch_inertia: float = parameter(0.0, unit="kg m^2", minimum=0.0, maximum=1.0e9)
-    """Moment of inertia of body and load about the lateral axis through their center of gravity;
-    0 to use that of a homogeneous box as long as the chassis"""
-    roll_inertia: float = parameter(0.0, unit="kg m^2", minimum=0.0, maximum=1.0e9)
-    """Moment of inertia of body and load about the longitudinal axis through their center of
-    gravity; 0 to use that of a homogeneous box as wide as the chassis"""
 
 
 def fastest_motion(plant: Plant, suspension: Suspension) -> float:

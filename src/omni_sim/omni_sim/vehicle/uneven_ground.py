@@ -39,7 +39,8 @@ import numpy as np
 
 from omni_core.kernels import lean
 from omni_core.quantities import FloatArray
-from omni_sim.ground.elevation import Terrain, elevation_at
+from omni_sim.ground.configuration import Terrain
+from omni_sim.ground.elevation import elevation_at
 
 
 @lean

@@ -9,7 +9,8 @@ from numpy.typing import ArrayLike
 from omni_core import kinematics, quantities
 from omni_core.configuration import ConfigurationWarning
 from omni_core.quantities import GRAVITY
-from omni_sim.ground.elevation import ElevationConfiguration, elevation_at
+from omni_sim.ground.configuration import ElevationConfiguration
+from omni_sim.ground.elevation import elevation_at
 from omni_sim.ground.friction import FrictionMap
 from omni_sim.vehicle import dynamics, placing, uneven_ground
 from omni_sim.vehicle import state as layout
@@ -28,6 +29,9 @@ from omni_sim.wheel.brake_pressure import build_brake_pressure
 
 DEFAULT_PHYSICS_STEP = 0.0005
 """Physics step [s]."""
+
+# Entry of `warnings.filters` with which a program turns the remarks off.
+_SILENT = ("ignore", None, ConfigurationWarning, None, 0)
 
 
 class VehicleInputError(ValueError):
@@ -88,8 +92,9 @@ class Vehicle:
         """
         if not 0.0 < physics_step <= 0.01:
             raise VehicleInputError(f"physics step {physics_step} s must be in (0, 0.01] s")
-        for remark in vehicle_remarks(configuration):
-            warnings.warn(remark, ConfigurationWarning, stacklevel=2)
+        if _SILENT not in warnings.filters:  # remarks take time
+            for remark in vehicle_remarks(configuration):
+                warnings.warn(remark, ConfigurationWarning, stacklevel=2)
         self.configuration = configuration
         self.kinematics = kinematics.PlatformKinematics.of(configuration.wheels)
         self.masses = configuration.masses

@@ -19,10 +19,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from omni_core.kernels import lean, lean_inline
+from omni_core.kernels import by_reference, lean, lean_inline
 from omni_core.quantities import FloatArray, IntArray
 
 
+@by_reference
 class BrakePressure(NamedTuple):
     """Pressure in the brakes of N wheels, expressed as the torque that each brake can exert.
 

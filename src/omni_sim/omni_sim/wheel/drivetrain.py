@@ -8,9 +8,9 @@ One implicit step solves the equation of motion of the wheel together with the f
 tire on the vehicle. It turns the wheel with the lever ``g = r_D (n_w . u)``, where ``r_D`` is the
 rolling radius, ``n_w`` the active direction and ``u`` the rolling direction. The drive follows its
 speed command through a stiff clutch of limited torque, ``tau = k (omega_cmd - omega')``; for a
-disengaged clutch, ``k = 0``. The brake is Coulomb friction: it opposes rotation with its full
-torque, and holds the wheel at exactly zero speed if a smaller torque suffices. It never reverses a
-wheel.
+disengaged clutch, ``k = 0``. `motor_drive` adds the limits of a motor. The brake is Coulomb
+friction: it opposes rotation with its full torque, and holds the wheel at exactly zero speed if a
+smaller torque suffices. It never reverses a wheel.
 
 If a velocity drive without friction brake slows the vehicle down, it reduces ``omega_cmd`` to zero
 along a ramp. Like any speed controller, it also accelerates a wheel that is slower than the
@@ -19,8 +19,9 @@ command, so it does not lock the wheel.
 
 from typing import NamedTuple
 
-from omni_core.kernels import lean_inline
+from omni_core.kernels import lean, lean_inline
 from omni_sim.tire.interface.model import Curve
+from omni_sim.wheel.configuration import Motor
 from omni_sim.wheel.single import Patch, TireConstants, tire_force
 
 
@@ -54,18 +55,20 @@ class Spin(NamedTuple):
 
 
 class Drive(NamedTuple):
-    """Motor drive of a wheel, which follows a speed through a clutch.
+    """Drive of a wheel, which follows a speed through a clutch.
 
     Attributes:
         stiffness: torque of the clutch per difference between commanded and actual wheel speed,
             ``k`` [N m s/rad]; 0 when disengaged.
         speed: commanded wheel speed [rad/s].
-        limit: limit on the torque of the clutch [N m].
+        least: lower limit on the torque of the clutch [N m].
+        most: upper limit on this torque [N m].
     """
 
     stiffness: float
     speed: float
-    limit: float
+    least: float
+    most: float
 
 
 class WheelStep(NamedTuple):
@@ -88,6 +91,48 @@ class WheelStep(NamedTuple):
     sliding: bool
 
 
+@lean
+def motor_drive(
+    motor: Motor, stiffness: float, speed: float, omega: float, torque: float, power: float
+) -> Drive:
+    """Return the drive of a wheel in a step, within the limits of its motor.
+
+    The back EMF reduces the torque of the largest voltage ``+-U`` to ``tau_0 (+-1 - omega /
+    omega_0)``, which is a drive with another stiffness. The current loop is a first-order lag of
+    the torque.
+
+    Args:
+        motor: limits and lag of the motor.
+        stiffness: torque of the speed controller per difference of the speeds [N m s/rad].
+        speed: commanded wheel speed [rad/s].
+        omega: wheel speed at the start of the step [rad/s].
+        torque: torque of the motor in the last step [N m].
+        power: limit on the mechanical power [W].
+    """
+    if stiffness <= 0.0:
+        return Drive(0.0, 0.0, 0.0, 0.0)
+    limit = power / abs(omega) if motor.limit * abs(omega) > power else motor.limit
+    wanted = stiffness * (speed - omega)
+    if wanted > motor.slope * (motor.idling - omega):
+        stiffness, speed = motor.slope, motor.idling
+    elif wanted < motor.slope * (-motor.idling - omega):
+        stiffness, speed = motor.slope, -motor.idling
+    share = motor.response
+    kept = (1.0 - share) * torque
+    return Drive(
+        share * stiffness,
+        speed + kept / (share * stiffness),
+        kept - share * limit,
+        kept + share * limit,
+    )
+
+
+@lean
+def clutch_torque(drive: Drive, speed: float) -> float:
+    """Return the torque of a drive on a wheel with a speed [rad/s] at the end of a step [N m]."""
+    return min(max(drive.stiffness * (drive.speed - speed), drive.least), drive.most)
+
+
 @lean_inline
 def wheel_step(
     tire: TireConstants, curve: Curve, patch: Patch, hub: Hub, spin: Spin, drive: Drive
@@ -108,8 +153,8 @@ def wheel_step(
     driven = tire.dt * drive.stiffness * (drive.speed - spin.speed)
     step = _braked(tire, curve, patch, hub, coupled, driven)
     torque = drive.stiffness * (drive.speed - step.speed)
-    if abs(torque) > drive.limit:
-        limited = drive.limit if torque > 0.0 else -drive.limit
+    limited = min(max(torque, drive.least), drive.most)
+    if limited != torque:
         step = _braked(tire, curve, patch, hub, spin, tire.dt * limited)
     return step
 

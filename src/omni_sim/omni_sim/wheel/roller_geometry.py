@@ -8,7 +8,9 @@ The wheel axis ``a`` is horizontal and has the direction ``alpha``. The axis ``b
 the angle ``delta`` and the distance ``d`` from ``a``. The wheel angle ``gamma`` is zero when the
 roller is lowest. The roller touches the ground below the point at which ``b`` crosses the vertical
 plane through ``a``. While the wheel turns, this point moves along ``a`` from one edge of the wheel
-to the other, and jumps back when the next roller takes over the load. The rollers are barrels that
+to the other, and jumps back when the next roller takes over the load. In a wheel with two rows,
+every second roller is in the other row, and the contact alternates between the rows; large and
+small rollers may alternate, too (Figure 2 of the dissertation). The rollers are barrels that
 fill the wheel's envelope, a circle of radius ``r``, so the wheel axis keeps its height. The
 dissertation uses ``a_x`` for two quantities; in Eq. (10) it is the x coordinate of the wheel
 center.
@@ -19,62 +21,23 @@ With the roller angle of `omni_core.geometry`, ``delta = 90 deg + roller_angle``
 import dataclasses
 import math
 from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from omni_core.configuration import Configuration, ConfigurationError, parameter
 from omni_core.geometry import WheelMount
-from omni_core.kernels import lean
 from omni_core.quantities import FloatArray
 
-AXIS = np.dtype([(name, np.float64) for name in ("u_x", "u_y", "cos", "sin", "distance")])
-"""Constants of a wheel's rollers.
+_FIELDS = ("u_x", "u_y", "cos", "sin", "distance", "shift")
+AXIS = np.dtype([(name, np.float64) for name in _FIELDS])
+"""Constants of every second roller of a wheel.
 
     u_x, u_y   rolling direction ``u`` of the wheel in the body frame [1]
     cos, sin   cosine and sine of the roller angle on the ground, ``(sin delta, -cos delta)`` [1]
     distance   distance ``d`` between the axes of wheel and roller [m]
+    shift      distance of the row of the rollers from the middle of the wheel, along ``a`` [m]
 """
-
-
-@lean
-def nearest_roller(angle: float, pitch: float) -> float:
-    """Return the number of the lowest roller, which increases by n in each turn of the wheel [1].
-
-    Roller 0 therefore has the number 0 in the first turn and n in the second.
-
-    Args:
-        angle: angle of the wheel, 0 with roller 0 lowest [rad].
-        pitch: angle between two rollers, ``2 pi / n`` [rad].
-    """
-    return math.floor(angle / pitch + 0.5)
-
-
-@lean
-def roller_contact(gamma: float, roller: Any) -> tuple[float, ...]:
-    """Return contact point and active direction of a roller.
-
-    Args:
-        gamma: wheel angle from the lowest position of the roller [rad].
-        roller: one record of `AXIS`.
-
-    Returns:
-        Seven numbers: x and y of the active direction ``n_w`` in the body frame [1], with the sign
-        of `omni_core.geometry`; x and y of the contact point relative to the point under the
-        wheel center [m]; ``n_w . u`` with the rolling direction ``u`` of the wheel [1]; length of
-        the horizontal part of the unit vector along the roller's axis [1]; height of the wheel's
-        axis above the roller's axis at the contact [m].
-    """
-    u_x, u_y = roller.u_x, roller.u_y
-    cosine = math.cos(gamma)
-    b_u, b_n = roller.cos * cosine, roller.sin
-    length = math.sqrt(b_u * b_u + b_n * b_n)  # Eq. (9) without b_z
-    b_u, b_n = b_u / length, b_n / length
-    # The wheel axis is k x u = (-u_y, u_x).
-    along = roller.distance * math.tan(gamma) * roller.sin / roller.cos  # Eq. (10)
-    n_x, n_y = b_n * u_y - b_u * u_x, -b_u * u_y - b_n * u_x
-    return n_x, n_y, -along * u_y, along * u_x, -b_u, length, roller.distance / cosine
 
 
 @dataclasses.dataclass(frozen=True)
@@ -88,6 +51,8 @@ class RollerGeometry:
         radius: radius ``r`` of the wheel over its rollers [m].
         rollers: number n of rollers.
         center: ``(a_x, a_y)``, wheel center in ``S_1`` [m].
+        rows_apart: distance between the rows of even and odd rollers [m]; 0 for one row.
+        odd_distance: ``d`` of the odd rollers [m]; None if all rollers are equal.
     """
 
     alpha: float
@@ -96,6 +61,8 @@ class RollerGeometry:
     radius: float
     rollers: int
     center: tuple[float, float] = (0.0, 0.0)
+    rows_apart: float = 0.0
+    odd_distance: float | None = None
 
     def __post_init__(self) -> None:
         """Check that the wheel can be built.
@@ -179,17 +146,20 @@ class RollerGeometry:
         )
 
     @property
-    def constants(self) -> tuple[float, ...]:
-        """Constants that `roller_contact` uses, in the order of `AXIS`."""
+    def constants(self) -> list[tuple[float, ...]]:
+        """Constants of even and odd rollers for `roller_contact`, in the order of `AXIS`."""
         # u = a x k
         u_x, u_y = math.sin(self.alpha), -math.cos(self.alpha)
-        return u_x, u_y, math.sin(self.delta), -math.cos(self.delta), self.distance
+        common, odd = (u_x, u_y, math.sin(self.delta), -math.cos(self.delta)), self.odd_distance
+        row, other = 0.5 * self.rows_apart, self.distance if odd is None else odd
+        return [(*common, self.distance, row), (*common, other, -row)]
 
     @property
     def jump(self) -> float:
-        """Distance by which the contact point jumps at a change of rollers [m]."""
-        tangent = self.distance * math.tan(self.half_pitch)
-        return abs(2.0 * tangent * math.cos(self.delta) / math.sin(self.delta))
+        """Largest distance by which the contact point jumps at a change of rollers [m]."""
+        tangent = max(self.distance, self.odd_distance or 0.0) * math.tan(self.half_pitch)
+        oblique = abs(2.0 * tangent * math.cos(self.delta) / math.sin(self.delta))
+        return oblique + self.rows_apart
 
 
 class RollerConfiguration(Configuration):
@@ -207,8 +177,14 @@ class RollerConfiguration(Configuration):
     """Number of rollers of a wheel, n"""
     radius: float = parameter(0.045, unit="m", above=0.0, maximum=1.0)
     """Radius of a roller at its middle"""
+    rows_apart: float = parameter(0.0, unit="m", minimum=0.0, maximum=1.0)
+    """Distance between two rows of rollers, in which the rollers alternate; 0 for one row"""
+    small_radius: float = parameter(0.0, unit="m", minimum=0.0, maximum=1.0)
+    """Radius of every second roller at its middle, if large and small rollers alternate; 0 if all
+    rollers are equal"""
     inertia: float = parameter(8.0e-4, unit="kg m^2", minimum=1.0e-7, maximum=10.0)
-    """Moment of inertia of a roller about its axis"""
+    """Moment of inertia of a roller about its axis; that of a small roller is less in proportion to
+    the fourth power of its radius, as for cylinders of equal length"""
     stiffness: float = parameter(2.0e6, unit="N/m", minimum=1.0e3, maximum=1.0e8)
     """Stiffness of a roller's tread against horizontal deflection; in the wheel model `rollers`
     it replaces the stiffness of the tire"""
@@ -220,6 +196,28 @@ class RollerConfiguration(Configuration):
     gap: float = parameter(0.0, unit="m", minimum=0.0, maximum=1.0)
     """Gap between the ends of two neighboring rollers, measured along the rim, into which the
     wheel sinks; requires a suspension. With 0, the rollers fill the wheel's circle"""
+
+    def check_consistency(self) -> None:
+        """Check that rollers that alternate have an even number.
+
+        Raises:
+            ConfigurationError: the number is odd.
+        """
+        if self.count % 2 and max(self.rows_apart, self.small_radius) > 0.0:
+            raise ConfigurationError(
+                "count", f"is {self.count}, must be even for rollers that alternate"
+            )
+
+    @property
+    def radii(self) -> tuple[float, float]:
+        """Radii of even and of odd rollers [m]."""
+        return self.radius, self.small_radius or self.radius
+
+    @property
+    def inertias(self) -> FloatArray:
+        """Moments of inertia of even and of odd rollers [kg m^2], shape (2,)."""
+        even, odd = self.radii
+        return self.inertia * np.array([1.0, (odd / even) ** 4])
 
 
 def roller_geometries(
@@ -245,17 +243,18 @@ def roller_geometries(
                 f"{rollers.gap:g} m is more than half of a roller's share of the rim of wheel "
                 f"{name}, {2.0 * math.pi * mount.radius / rollers.count:.3g} m",
             )
-        distance = mount.radius - rollers.radius
-        if distance <= 0.0 or mount.radius - distance / reach <= squeeze:
-            least = mount.radius - (mount.radius - squeeze) * reach
-            raise ConfigurationError(
-                "rollers.radius",
-                f"{rollers.radius:g} m is too large for the ends of the {rollers.count} rollers "
-                f"of wheel {name}; more than {least:.3g} m and less than "
-                f"{mount.radius:g} m fit",
-            )
+        even, odd = (mount.radius - radius for radius in rollers.radii)
+        for key, distance in (("radius", even), ("small_radius", odd)):
+            if distance <= 0.0 or mount.radius - distance / reach <= squeeze:
+                least = mount.radius - (mount.radius - squeeze) * reach
+                raise ConfigurationError(
+                    f"rollers.{key}",
+                    f"{mount.radius - distance:g} m does not fit the ends of the {rollers.count} "
+                    f"rollers of wheel {name}; more than {least:.3g} m and less than "
+                    f"{mount.radius:g} m fit",
+                )
         alpha = math.radians(mount.heading_deg + 90.0)
         delta = math.radians(90.0 + mount.roller_angle_deg)
-        size = distance, mount.radius, rollers.count
-        geometries.append(RollerGeometry(alpha, delta, *size, center=(mount.x, mount.y)))
+        size, center = (even, mount.radius, rollers.count), (mount.x, mount.y)
+        geometries.append(RollerGeometry(alpha, delta, *size, center, rollers.rows_apart, odd))
     return tuple(geometries)

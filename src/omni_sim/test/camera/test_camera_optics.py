@@ -15,8 +15,10 @@ from numpy.typing import NDArray
 
 from omni_core.configuration import ConfigurationError, from_mapping
 from omni_core.sensors import LineSensor
-from omni_sim.camera.camera import CameraConfiguration, LineCamera, LineCameraArray
-from omni_sim.texture.texture import GroundTexture, TextureConfiguration, generate_texture
+from omni_sim.camera.camera import LineCamera, LineCameraArray
+from omni_sim.camera.configuration import CameraConfiguration
+from omni_sim.texture.configuration import TextureConfiguration
+from omni_sim.texture.texture import GroundTexture, generate_texture
 
 SIZE = 0.05
 CORK = generate_texture(TextureConfiguration(size=SIZE, texels=1024))

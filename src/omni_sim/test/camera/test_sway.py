@@ -10,20 +10,20 @@ import numpy as np
 import pytest
 
 from omni_core.sensors import FlowSensor, LineSensor
-from omni_sim.camera.camera import CameraConfiguration
+from omni_sim.camera.configuration import CameraConfiguration
 from omni_sim.configuration import (
     GroundConfiguration,
     SimulationConfiguration,
     SimulatorConfiguration,
 )
-from omni_sim.driver.scripted import ManeuverConfiguration
+from omni_sim.driver.configuration import ManeuverConfiguration
 from omni_sim.flow_sensor import FlowConfiguration
-from omni_sim.ground.elevation import BumpConfiguration, ElevationConfiguration
+from omni_sim.ground.configuration import BumpConfiguration, ElevationConfiguration
 from omni_sim.simulator import Simulator
 from omni_sim.texture.cache import TextureCache
-from omni_sim.texture.texture import TextureConfiguration
-from omni_sim.vehicle.configuration import VehicleConfiguration
-from omni_sim.vehicle.suspension import SuspensionConfiguration, swaying
+from omni_sim.texture.configuration import TextureConfiguration
+from omni_sim.vehicle.configuration import SuspensionConfiguration, VehicleConfiguration
+from omni_sim.vehicle.suspension import swaying
 
 CORK = TextureConfiguration(kind="cork", size=0.1, texels=1024)
 ON = np.ones(4)

@@ -7,7 +7,8 @@ import math
 import numpy as np
 import pytest
 
-from omni_sim.driver.scripted import ManeuverConfiguration, ScriptedDriver
+from omni_sim.driver.configuration import ManeuverConfiguration
+from omni_sim.driver.scripted import ScriptedDriver
 
 SECOND = 1_000_000_000
 

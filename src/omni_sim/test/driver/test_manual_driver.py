@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from omni_sim.configuration import SimulationConfiguration, SimulatorConfiguration
+from omni_sim.driver.configuration import ManeuverConfiguration
 from omni_sim.driver.manual import DemandInbox, ManualDriver, ManualDriverConfiguration
-from omni_sim.driver.scripted import ManeuverConfiguration
 from omni_sim.simulator import Simulator
 from omni_sim.vehicle.configuration import VehicleConfiguration
 

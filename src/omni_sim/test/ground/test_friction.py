@@ -8,7 +8,8 @@ import math
 import numpy as np
 import pytest
 
-from omni_sim.ground.friction import FrictionMap, FrictionPatch
+from omni_sim.ground.configuration import FrictionPatch
+from omni_sim.ground.friction import FrictionMap
 
 
 def test_patch_counts_inside_and_the_base_outside() -> None:

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from omni_core.configuration import ConfigurationError
-from omni_sim.ground.elevation import (
+from omni_sim.ground.configuration import (
     BumpConfiguration,
     ElevationConfiguration,
     WaveConfiguration,
-    elevation_at,
 )
+from omni_sim.ground.elevation import elevation_at
 
 
 def test_default_is_flat_and_costs_nothing() -> None:

@@ -13,8 +13,9 @@ from PIL import Image
 
 from omni_core.configuration import ConfigurationError
 from omni_sim.texture.cache import TextureCache
+from omni_sim.texture.configuration import PICTURE, TextureConfiguration
 from omni_sim.texture.picture import read_picture
-from omni_sim.texture.texture import PICTURE, TextureConfiguration, generate_texture
+from omni_sim.texture.texture import generate_texture
 
 DPI = 520.0
 CORK = generate_texture(TextureConfiguration(size=0.05, texels=1024)).gray[:700, :900].copy()

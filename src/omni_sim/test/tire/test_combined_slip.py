@@ -11,8 +11,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from omni_sim.tire.combined_slip import combined_forces, slip_norms
-from omni_sim.tire.models.tmeasy import TMeasyConfiguration, curve_of, curve_through
-from omni_sim.tire.tire import Tire, TireConfiguration
+from omni_sim.tire.interface.configuration import TireConfiguration, TMeasyConfiguration
+from omni_sim.tire.models.tmeasy import curve_of, curve_through
+from omni_sim.tire.tire import Tire
 
 TABLE_1 = TMeasyConfiguration()
 TIRE = Tire(TireConfiguration(tmeasy=TABLE_1))

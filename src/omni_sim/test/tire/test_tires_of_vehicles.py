@@ -13,10 +13,12 @@ from logged_steps import advance_logged, kinetic_energy
 
 from omni_core.configuration import from_mapping
 from omni_core.quantities import GRAVITY, FloatArray
-from omni_sim.ground.friction import FrictionMap, FrictionPatch
-from omni_sim.tire.tire import Tire, TireConfiguration
+from omni_sim.ground.configuration import FrictionPatch
+from omni_sim.ground.friction import FrictionMap
+from omni_sim.masses import MassConfiguration
+from omni_sim.tire.interface.configuration import TireConfiguration
+from omni_sim.tire.tire import Tire
 from omni_sim.vehicle.configuration import VehicleConfiguration
-from omni_sim.vehicle.loads import MassConfiguration
 from omni_sim.vehicle.vehicle import Vehicle
 
 TIRES = {

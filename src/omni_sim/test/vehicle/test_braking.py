@@ -13,9 +13,10 @@ from logged_steps import Log, advance_logged, kinetic_energy
 
 from omni_core.geometry import PlatformGeometry
 from omni_core.quantities import FloatArray
-from omni_sim.ground.friction import FrictionMap, FrictionPatch
+from omni_sim.ground.configuration import FrictionPatch
+from omni_sim.ground.friction import FrictionMap
+from omni_sim.masses import MassConfiguration
 from omni_sim.vehicle.configuration import VehicleConfiguration
-from omni_sim.vehicle.loads import MassConfiguration
 from omni_sim.vehicle.vehicle import Vehicle
 
 

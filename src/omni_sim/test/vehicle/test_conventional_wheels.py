@@ -13,9 +13,9 @@ from logged_steps import advance_logged
 from omni_core.configuration import ConfigurationError
 from omni_core.geometry import WheelMount
 from omni_core.quantities import GRAVITY, FloatArray
+from omni_sim.masses import MassConfiguration
 from omni_sim.tire.models.tmeasy import TMeasyParameters, curve_at, direction_coefficients
 from omni_sim.vehicle.configuration import VehicleConfiguration
-from omni_sim.vehicle.loads import MassConfiguration
 from omni_sim.vehicle.vehicle import Vehicle
 
 FREE: dict[str, Any] = {"pedal": 0.1, "enable": np.zeros(4), "command_twist": np.zeros(3)}

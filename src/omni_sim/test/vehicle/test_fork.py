@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 from omni_core.configuration import ConfigurationError
-from omni_sim.vehicle.configuration import VehicleConfiguration
-from omni_sim.vehicle.loads import ForkConfiguration
-from omni_sim.vehicle.suspension import SuspensionConfiguration
+from omni_sim.masses import ForkConfiguration
+from omni_sim.vehicle.configuration import SuspensionConfiguration, VehicleConfiguration
 from omni_sim.vehicle.vehicle import Vehicle
 
 GENTLE, ON, NO_COMMAND = 0.1, np.ones(4), np.zeros(3)

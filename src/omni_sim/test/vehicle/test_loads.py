@@ -10,13 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from omni_core.quantities import FloatArray
-from omni_sim.vehicle.loads import (
-    MassConfiguration,
-    MassProperties,
-    load_plane,
-    support_polygon,
-    wheel_loads,
-)
+from omni_sim.masses import MassConfiguration, MassProperties, support_polygon
+from omni_sim.vehicle.loads import load_plane, wheel_loads
 
 WEIGHT = 12000.0
 SQUARE = np.array([[1.0, 1.0], [-1.0, 1.0], [-1.0, -1.0], [1.0, -1.0]])

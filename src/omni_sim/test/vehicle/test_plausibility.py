@@ -15,9 +15,9 @@ from omni_core.brakes import BrakeConfiguration
 from omni_core.configuration import ConfigurationWarning, to_mapping
 from omni_core.geometry import WheelMount
 from omni_core.quantities import GRAVITY
-from omni_sim.tire.tire import TireConfiguration
+from omni_sim.masses import MassConfiguration
+from omni_sim.tire.interface.configuration import TireConfiguration
 from omni_sim.vehicle.configuration import DriveConfiguration, VehicleConfiguration
-from omni_sim.vehicle.loads import MassConfiguration
 from omni_sim.vehicle.plausibility import vehicle_remarks
 from omni_sim.vehicle.vehicle import Vehicle
 
@@ -32,7 +32,7 @@ def scaled_tire(load: float, radius: float) -> TireConfiguration:
             return {k: v if "slip" in k else scaled(v) for k, v in values.items()}
         return ratio * values
 
-    parameters = type(table_1.model_parameters)
+    parameters: Any = type(table_1.model_parameters)
     directions = {
         key: type(getattr(table_1.model_parameters, key))(**value)
         if isinstance(value, dict)

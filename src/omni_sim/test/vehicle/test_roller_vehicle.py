@@ -118,8 +118,9 @@ def test_driving_straight_turns_no_roller_of_a_mecanum_wheel(
     vehicle = Vehicle(dataclasses.replace(forklift, wheel_model="rollers"), twist=(3.0, 0.0, 0.0))
     np.testing.assert_allclose(vehicle.rollers["spin"], 0.0, atol=1e-12)
     log = advance_logged(vehicle, 2000, 0.0, full(vehicle), (3.0, 0.0, 0.0))
-    assert np.max(np.abs(log.wheels["force"])) < 1e-6
-    np.testing.assert_allclose(log.trajectory[-1, :3], [3.0, 0.0, 0.0], atol=1e-9)
+    # The loads follow the contacts along the rollers, and the rolling radii follow the loads.
+    assert np.max(np.abs(log.wheels["force"])) < 0.01 * vehicle.masses.mass * GRAVITY / 4.0
+    np.testing.assert_allclose(log.trajectory[-1, :3], [3.0, 0.0, 0.0], atol=1e-3)
 
 
 def test_contact_of_an_unturned_wheel_is_the_ideal_one(forklift: VehicleConfiguration) -> None:

@@ -143,4 +143,15 @@ def test_counter_steering_turns_front_and_rear_wheels_oppositely(
     rear_left, front_left, front_right, rear_right = vehicle.steering[0]
     assert front_left == pytest.approx(-rear_left)
     assert front_right == pytest.approx(-rear_right)
-    assert math.tan(front_left) == pytest.approx(0.35 / (1.0 - 0.25))
+    assert math.tan(front_left) == pytest.approx(0.4 / (1.0 - 0.3))
+
+
+@pytest.mark.parametrize("direction", range(0, 360, 30))
+def test_swerve_drive_brakes_in_every_direction_without_tipping(
+    swerve: VehicleConfiguration, direction: int
+) -> None:
+    angle = math.radians(direction)
+    vehicle = Vehicle(swerve, twist=(2.5 * math.cos(angle), 2.5 * math.sin(angle), 0.0))
+    vehicle.advance(round(1.0 / vehicle.physics_step), 1.0, np.ones(4), np.zeros(3))
+    np.testing.assert_allclose(vehicle.twist, 0.0, atol=1e-2)
+    assert vehicle.tipping_steps == 0

@@ -12,9 +12,12 @@ from logged_steps import advance_logged
 
 from omni_core.configuration import ConfigurationError
 from omni_core.quantities import GRAVITY, FloatArray
-from omni_sim.ground.elevation import BumpConfiguration, ElevationConfiguration
-from omni_sim.vehicle.configuration import VehicleConfiguration, WheelCondition
-from omni_sim.vehicle.suspension import SuspensionConfiguration
+from omni_sim.ground.configuration import BumpConfiguration, ElevationConfiguration
+from omni_sim.vehicle.configuration import (
+    SuspensionConfiguration,
+    VehicleConfiguration,
+    WheelCondition,
+)
 from omni_sim.vehicle.vehicle import Vehicle, VehicleInputError
 
 STIFFNESS, STEP = 2.0e5, 0.0005  # [N/m], [s]

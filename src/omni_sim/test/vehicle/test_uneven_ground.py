@@ -20,7 +20,7 @@ from omni_sim.configuration import (
     SimulationConfiguration,
     SimulatorConfiguration,
 )
-from omni_sim.ground.elevation import (
+from omni_sim.ground.configuration import (
     BumpConfiguration,
     ElevationConfiguration,
     WaveConfiguration,

@@ -10,9 +10,9 @@ import pytest
 from omni_core.configuration import ConfigurationError
 from omni_core.geometry import WheelMount
 from omni_core.kinematics import PlatformKinematics, UnusablePlatformError
-from omni_sim.tire.tire import TireConfiguration
+from omni_sim.masses import MassConfiguration
+from omni_sim.tire.interface.configuration import TireConfiguration
 from omni_sim.vehicle.configuration import VehicleConfiguration
-from omni_sim.vehicle.loads import MassConfiguration
 
 
 def test_forklift_is_a_mecanum_platform_in_the_order_of_equation_35(

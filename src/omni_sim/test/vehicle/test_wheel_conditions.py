@@ -9,7 +9,8 @@ import pytest
 
 from omni_core.configuration import ConfigurationError
 from omni_core.quantities import FloatArray
-from omni_sim.ground.friction import FrictionMap, FrictionPatch
+from omni_sim.ground.configuration import FrictionPatch
+from omni_sim.ground.friction import FrictionMap
 from omni_sim.vehicle.configuration import VehicleConfiguration, WheelCondition
 from omni_sim.vehicle.vehicle import Vehicle
 

@@ -11,8 +11,8 @@ import pytest
 from logged_steps import advance_logged, kinetic_energy
 from numpy.typing import NDArray
 
+from omni_sim.masses import MassConfiguration
 from omni_sim.vehicle.configuration import VehicleConfiguration
-from omni_sim.vehicle.loads import MassConfiguration
 from omni_sim.vehicle.vehicle import Vehicle
 from omni_sim.wheel.brake_pressure import (
     BrakePressure,

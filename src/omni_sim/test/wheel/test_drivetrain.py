@@ -6,7 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from omni_sim.tire.models.tmeasy import TMeasyConfiguration, curve_of
+from omni_sim.tire.interface.configuration import TMeasyConfiguration
+from omni_sim.tire.models.tmeasy import curve_of
 from omni_sim.wheel.drivetrain import Drive, Hub, Spin, WheelStep, wheel_step
 from omni_sim.wheel.single import Patch, TireConstants
 
@@ -19,7 +20,7 @@ def step(
     *,
     load: float = 3000.0,
     brake: float = 0.0,
-    drive: Drive = Drive(0.0, 0.0, 0.0),  # noqa: B008
+    drive: Drive = Drive(0.0, 0.0, 0.0, 0.0),  # noqa: B008
     deflection: float = 0.0,
     hub_velocity: float = 0.0,
     sliding: bool = False,
@@ -105,7 +106,7 @@ def test_brake_never_drives_a_wheel(
 
 def test_clutch_follows_its_command_within_its_torque() -> None:
     def driven(omega: float) -> float:
-        return step(omega, load=0.0, drive=Drive(500.0, 20.0, 80.0)).speed
+        return step(omega, load=0.0, drive=Drive(500.0, 20.0, -80.0, 80.0)).speed
 
     omega = 0.0
     for i in range(1, 301):

@@ -12,12 +12,13 @@ from hypothesis import strategies as st
 from logged_steps import advance_logged, kinetic_energy
 
 from omni_core.quantities import GRAVITY, FloatArray
-from omni_sim.ground.elevation import ElevationConfiguration
+from omni_sim.ground.configuration import ElevationConfiguration
+from omni_sim.masses import MassConfiguration
 from omni_sim.vehicle.configuration import VehicleConfiguration
-from omni_sim.vehicle.loads import MassConfiguration
 from omni_sim.vehicle.placing import rolling_radius
 from omni_sim.vehicle.vehicle import Vehicle
-from omni_sim.wheel.passive_losses import PassiveLossConfiguration, passive_force
+from omni_sim.wheel.configuration import PassiveLossConfiguration
+from omni_sim.wheel.passive_losses import passive_force
 
 ON, OFF, NO_COMMAND = np.ones(4), np.zeros(4), np.zeros(3)
 

@@ -12,7 +12,8 @@ from scipy.optimize import minimize_scalar
 from omni_core.geometry import PlatformGeometry, WheelMount
 from omni_core.kinematics import PlatformKinematics
 from omni_core.quantities import FloatArray
-from omni_sim.wheel.roller_geometry import AXIS, RollerGeometry, nearest_roller, roller_contact
+from omni_sim.wheel.roller_contact import nearest_roller, roller_contact
+from omni_sim.wheel.roller_geometry import AXIS, RollerGeometry
 
 ANGLES_DEG = [-45.0, 20.0, 45.0, 60.0]
 
@@ -82,7 +83,7 @@ def test_roller_touches_the_ground_with_its_lowest_point(
     # ... the contact is that of Eq. (10), ...
     np.testing.assert_allclose(geometry.contact_point(gamma), touching[:2], atol=2e-5)
     # ... and the surface there turns about the roller's axis as on this lever.
-    *_, length, depth = roller_contact(gamma, np.array(geometry.constants, AXIS))
+    *_, length, depth = roller_contact(gamma, np.array(geometry.constants[0], AXIS))
     assert (geometry.radius - depth) * length == pytest.approx(radius, abs=1e-5)
     assert geometry.distance / math.cos(gamma) == pytest.approx(depth)
 
@@ -95,12 +96,12 @@ def test_kernel_has_the_directions_of_the_platform(
     geometry = wheel(roller_angle_deg, heading_deg)
     mount = WheelMount(x=0.0, y=0.0, heading_deg=heading_deg, roller_angle_deg=roller_angle_deg)
     platform = PlatformGeometry.from_wheels({"wheel": mount})
-    n_x, n_y, x, y, rim, *_ = roller_contact(0.0, np.array(geometry.constants, AXIS))
+    n_x, n_y, x, y, rim, *_ = roller_contact(0.0, np.array(geometry.constants[0], AXIS))
     np.testing.assert_allclose([n_x, n_y], platform.active[0], atol=1e-12)
     assert rim == pytest.approx(-math.cos(math.radians(roller_angle_deg)))  # Eq. (30)
     np.testing.assert_allclose([x, y], 0.0, atol=1e-15)
     for gamma in (-0.3, 0.2):
-        n_x, n_y, x, y, rim, *_ = roller_contact(gamma, np.array(geometry.constants, AXIS))
+        n_x, n_y, x, y, rim, *_ = roller_contact(gamma, np.array(geometry.constants[0], AXIS))
         np.testing.assert_allclose([x, y], geometry.contact_point(gamma), atol=1e-15)
         np.testing.assert_allclose(
             abs(geometry.active_direction(gamma) @ [n_x, n_y]), 1.0, atol=1e-12

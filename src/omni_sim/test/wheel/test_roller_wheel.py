@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 
 from omni_sim.tire.combined_slip import combined_curve, slip_norms
+from omni_sim.tire.interface.configuration import TireConfiguration, TMeasyConfiguration
 from omni_sim.tire.models import MODELS
-from omni_sim.tire.models.tmeasy import TMeasyConfiguration, curve_of, force_at
-from omni_sim.tire.tire import Tire, TireConfiguration
+from omni_sim.tire.models.tmeasy import curve_of, force_at
+from omni_sim.tire.tire import Tire
 from omni_sim.wheel.drivetrain import Drive, Spin
 from omni_sim.wheel.roller import RollerHub, RollerPatch, load_share, roller_step
 from omni_sim.wheel.single import TireConstants
@@ -41,7 +42,7 @@ def steady(
             patch,
             RollerHub((0.2, 0.0), velocity, 0.0, 0.0, HELD, 0.04),
             Spin(0.0, HELD, 0.0),
-            Drive(0.0, 0.0, 0.0),
+            Drive(0.0, 0.0, 0.0, 0.0),
         )
         patch = RollerPatch(after.deflection, speed, after.sliding, after.direction)
     force: tuple[float, float] = after.force

@@ -9,9 +9,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from omni_sim.tire.interface.configuration import TireConfiguration, TMeasyConfiguration
 from omni_sim.tire.interface.model import contact_friction
-from omni_sim.tire.models.tmeasy import TMeasyConfiguration, curve_of, force_at
-from omni_sim.tire.tire import Tire, TireConfiguration
+from omni_sim.tire.models.tmeasy import curve_of, force_at
+from omni_sim.tire.tire import Tire
 from omni_sim.wheel.single import Patch, TireConstants, tire_force
 
 TABLE_1 = TMeasyConfiguration()

@@ -8,8 +8,8 @@ import numpy as np
 
 from omni_runs.compiled import FastRun
 from omni_sim.configuration import GroundConfiguration
-from omni_sim.faults import FaultConfiguration
-from omni_sim.ground.friction import FrictionPatch
+from omni_sim.ground.configuration import FrictionPatch
+from omni_sim.sensor_configuration import FaultConfiguration
 
 SIZES = {
     "twist": (0.1, 5.0),

@@ -20,10 +20,10 @@ import yaml
 
 from omni_core.configuration import ConfigurationError, to_mapping
 from omni_runs import compiled, experiment
-from omni_sim.driver.scripted import ManeuverConfiguration
-from omni_sim.ground.friction import FrictionPatch
-from omni_sim.vehicle.loads import MassConfiguration
-from omni_sim.velocity_sensor import FAILURES, VelocitySensorConfiguration
+from omni_sim.driver.configuration import ManeuverConfiguration
+from omni_sim.ground.configuration import FrictionPatch
+from omni_sim.masses import MassConfiguration
+from omni_sim.sensor_configuration import FAILURES, VelocitySensorConfiguration
 from omni_tools.campaign.runner import digest
 
 # By vehicle file: limits on the load [kg], on the speed [m/s], and on the offset of the load from

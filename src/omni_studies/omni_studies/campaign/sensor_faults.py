@@ -23,7 +23,7 @@ import numpy as np
 from omni_runs.compiled import FastRun, run_fast_loop
 from omni_runs.experiment import WITHOUT_CAMERAS, ExperimentConfiguration, ExperimentLibrary
 from omni_runs.limit.bounds import heading_bound, maneuver_of
-from omni_sim.faults import CHANNELS, KINDS, FaultConfiguration
+from omni_sim.sensor_configuration import CHANNELS, KINDS, FaultConfiguration
 from omni_sim.vehicle.configuration import WheelCondition
 from omni_studies.campaign import drawn_faults
 from omni_studies.campaign.drawn_faults import SensorFault

@@ -23,9 +23,10 @@ from omni_core.configuration import ConfigurationError
 from omni_core.quantities import GRAVITY
 from omni_runs.compiled import run_fast_loop
 from omni_runs.experiment import ExperimentConfiguration
-from omni_sim.ground.friction import FrictionPatch
+from omni_sim.ground.configuration import FrictionPatch
+from omni_sim.masses import MassConfiguration
 from omni_sim.vehicle.configuration import VehicleConfiguration
-from omni_sim.vehicle.loads import MassConfiguration, load_plane
+from omni_sim.vehicle.loads import load_plane
 from omni_studies.identification import table_2
 
 

@@ -19,8 +19,7 @@ from collections.abc import Mapping
 import numpy as np
 from matplotlib.figure import Figure
 
-from linescan_odometry.matching.search import METRICS
-from linescan_odometry.odometry import OdometryConfiguration
+from linescan_odometry.configuration import METRIC_NAMES, OdometryConfiguration
 from omni_core.configuration import Configuration, parameter
 from omni_core.quantities import FloatArray
 from omni_core.sensors import LineSensor
@@ -96,7 +95,7 @@ class AccuracyCase:
 class Options(Configuration):
     """Options of the study ``accuracy``: similarity metric, number of line pairs, and seed."""
 
-    metric: str = parameter("pearson", choices=tuple(METRICS))
+    metric: str = parameter("pearson", choices=METRIC_NAMES)
     """similarity metric of the search for displacements"""
     pairs: int = parameter(480, minimum=2 * _FRACTIONS, maximum=100_000)
     """number of pairs of lines for each resolution, noise and ground"""

@@ -9,6 +9,7 @@ the lines change quickly.
 """
 
 import dataclasses
+import functools
 import math
 from collections.abc import Callable, Mapping
 from typing import Any
@@ -16,6 +17,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
+from linescan_odometry.matching.search import make_search
 from linescan_odometry.sensor import SensorOdometry
 from omni_core.configuration import parameter
 from omni_core.quantities import FloatArray
@@ -31,7 +33,7 @@ from omni_studies.line_trials import view_grid
 from omni_studies.line_trials.view_grid import GROUP, sideways_motions
 from omni_studies.study import StudyResult, StudyRun
 from omni_tools.line_trials.rig import Rig, View, ground
-from omni_tools.line_trials.trials import Matches, ViewMotion, measure, undetected
+from omni_tools.line_trials.trials import Matches, SearchChoice, ViewMotion, measure, undetected
 
 CASES = {
     "overlap": "Overlap and error of a camera that moves along its axis at 5 to 200 m/s, with "
@@ -50,6 +52,8 @@ _SPEEDS = (5.0, *(float(speed) for speed in range(10, 201, 10)))  # m/s, of Figu
 _LENGTHS = tuple(0.01 * i for i in range(1, 11))  # m, of Figure 62
 _SHIFT_LIMIT = 0.5  # overlap at the shift limit n / k, k = 2
 _NOISES = (0.0, 1.0, 5.0)  # gray levels, of Figure 66
+_PRIOR_OVERLAP = 0.4  # overlap at which the prior is shown [1]
+_PRIOR_WEIGHT = 1.0  # weight of the prior: twice the distance at the largest change [1]
 _LOWEST_OVERLAP = 0.15  # of the medians whose errors are counted by size (section 4.6)
 
 Found = list[tuple[ViewMotion, Matches]]
@@ -168,6 +172,8 @@ def run(options: Any, study: StudyRun) -> StudyResult:
             if filtered:
                 errors = [float(np.mean(np.abs(m.median_error(GROUP)))) for m in matches]
                 maps.append((f"{title}, median of {GROUP}", np.reshape(errors, shape)))
+            if study.case == "median":
+                metrics |= _prior_metrics(name, texture, options)
             if study.case == "texture_direction":
                 metrics |= _odometry(texture, condition.axis, options, study.experiments, key)
     columns = case.columns or len(textures)
@@ -306,6 +312,23 @@ def _median_metrics(case: str, found: Found) -> dict[str, Metric]:
         f"median_off_2_to_5_share.{case}": Metric(near, "1", note="from 15 to 60 % overlap"),
         f"median_off_over_5_share.{case}": Metric(far, "1", note="from 15 to 60 % overlap"),
     }
+
+
+def _prior_metrics(case: str, texture: GroundTexture, options: LineOptions) -> dict[str, Metric]:
+    """Return the share of right pairs without and with the prior of section 4.6.
+
+    The camera moves sideways, and consecutive lines overlap by less than the 60 % of section 4.4.
+    """
+    view = View()
+    speed = (1.0 - _PRIOR_OVERLAP) * view.width * view.line_rate
+    motion = ViewMotion(view, speed, view_grid.MOTION.angle)
+    found = {}
+    near = functools.partial(make_search, "pearson", prior_weight=_PRIOR_WEIGHT)
+    methods: dict[str, SearchChoice] = {"without_prior": "pearson", "with_prior": near}
+    for word, method in methods.items():
+        (pairs,) = measure([motion], texture, 60, options.noise, options.seed, method, runs=10)
+        found[f"right_share_{word}.{case}"] = Metric(float(np.mean(pairs.right)), "1")
+    return found
 
 
 def _texture_metrics(case: str, found: Found) -> dict[str, Metric]:

@@ -24,8 +24,9 @@ from omni_core.configuration import Configuration, parameter
 from omni_core.quantities import Float32Array, FloatArray
 from omni_runs.figures import style
 from omni_runs.metrics import Metric
-from omni_sim.camera.camera import CameraConfiguration
+from omni_sim.camera.configuration import CameraConfiguration
 from omni_sim.texture.texture import GroundTexture
+from omni_studies.line_trials import integrity_cases as cases
 from omni_studies.line_trials import integrity_trials as trials
 from omni_studies.study import StudyResult, StudyRun
 from omni_tools.line_trials.rig import Rig, View, batch_lines, poses_at
@@ -38,7 +39,7 @@ _FAULTS = ("none", "dirt_spots", "prnu", "mud")
 _BATCHES = 3  # number of batches per motion
 _OTHERS = ("phase", "patch")  # estimators that require OpenCV
 
-_EYE = trials.SENSORS["left"]
+_EYE = cases.SENSORS["left"]
 _SCALE = _EYE.pixel_pitch * _EYE.line_rate  # velocity per displacement between lines [m/s per px]
 _NOISE = CameraConfiguration().noise  # gray levels
 _PIXELS, _FRAMES = 64, 7  # pixels along an edge of the patch, and frames per batch
@@ -120,17 +121,17 @@ def errors_of(
         options: number of motions, and seed.
     """
     velocity = speed * np.array([math.cos(angle), math.sin(angle)])
-    motion = trials.PathMotion((float(velocity[0]), float(velocity[1]), 0.0))
+    motion = cases.PathMotion((float(velocity[0]), float(velocity[1]), 0.0))
     errors = {}
     for method in METHODS:
-        faults = {fault: trials.FAULTS[fault] for fault in _FAULTS}
+        faults = {fault: cases.FAULTS[fault] for fault in _FAULTS}
         tallies = trials.drive_over(
             trials.Ground(kind), faults, range(options.runs), _BATCHES, options.seed,
             motions=(motion,), method=method,
         )  # fmt: skip
         for fault, tally in tallies.items():
             error = np.where(np.isfinite(tally.ratio), tally.error, np.nan)
-            errors[method, fault] = error[:: len(trials.SENSORS)]  # only the first camera
+            errors[method, fault] = error[:: len(cases.SENSORS)]  # only the first camera
     try:
         cv2: Any = importlib.import_module("cv2")
     except ImportError:

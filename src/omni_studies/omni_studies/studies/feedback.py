@@ -30,10 +30,10 @@ from omni_runs.figures import style
 from omni_runs.ground_choice import prepare_grounds
 from omni_runs.loop import run_closed_loop
 from omni_runs.metrics import Metric, run_metrics
+from omni_sim.masses import MassConfiguration
 from omni_sim.texture.cache import TextureCache
 from omni_sim.twist_sources import SOURCES, SourceModel
 from omni_sim.vehicle.configuration import VehicleConfiguration
-from omni_sim.vehicle.loads import MassConfiguration
 from omni_studies.study import StudyResult, StudyRun
 from omni_tools.campaign.runner import CampaignOptions, digest
 from omni_tools.ros_params.feedback_results import conditions_of, harm_sentence

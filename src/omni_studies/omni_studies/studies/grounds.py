@@ -26,7 +26,8 @@ from omni_core.quantities import FloatArray
 from omni_core.sensors import OVERLAP, LineSensor
 from omni_runs.figures import style
 from omni_runs.metrics import Metric
-from omni_sim.camera.camera import CameraConfiguration, LineCameraArray
+from omni_sim.camera.camera import LineCameraArray
+from omni_sim.camera.configuration import CameraConfiguration
 from omni_sim.texture.texture import GroundTexture
 from omni_studies import line_options
 from omni_studies.line_options import LineOptions, TextureOptions
@@ -321,7 +322,8 @@ _PHOTOGRAPHED = {"asphalt": (1.9, 3.1), "worn_asphalt": (1.9, 3.1)}
 _GROUNDS = (
     "cork", "asphalt", "stone", "wood", "plastic", "metal", "walking_tile", "dry_earth",
     "worn_asphalt", "concrete", "wet_concrete", "gravel", "sand", "grass", "bark", "brick",
-    "cobble", "planks",
+    "cobble", "planks", "carpet", "terrazzo", "slabs", "tile", "wet_asphalt", "sealed_concrete",
+    "epoxy", "flake_epoxy",
 )  # fmt: skip
 
 

@@ -1,10 +1,12 @@
 """Integrity of the line cameras: undetected errors on difficult textures and with camera faults.
 
 An undetected error is a batch of one camera that is reported as measured although the error of its
-velocity exceeds both 4 of its stated standard deviations and 0.05 m/s. `availability` is the share
-of batches that are measured, and `normalized_error` is the mean ratio of squared error to stated
-variance. A drive is a simulated motion of all cameras over one ground. At the start of every drive,
-the odometry is reset; this includes its estimates of camera properties.
+velocity exceeds both 4 of its stated standard deviations and 0.05 m/s; `beyond_4_sigma_rate` also
+counts smaller errors. `availability` is the share of batches that are measured, and
+`normalized_error` is the mean ratio of squared error to stated variance. `error_autocorrelation` is
+the correlation of the errors of consecutive twists, normalized by their covariances. A drive is a
+simulated motion of all cameras over one ground. At the start of every drive, the odometry is reset;
+this includes its estimates of camera properties.
 
 Each run of the campaign is one drive with one fault. Runs that differ only in the fault share the
 rendered drive.
@@ -13,6 +15,7 @@ rendered drive.
 from __future__ import annotations
 
 import dataclasses
+import functools
 import inspect
 import math
 import operator
@@ -21,6 +24,7 @@ from typing import NamedTuple
 
 import numpy as np
 from matplotlib.figure import Figure
+from scipy import stats
 
 from linescan_odometry.configuration import METHODS, OdometryConfiguration
 from omni_core.commands.command_options import option
@@ -28,22 +32,50 @@ from omni_core.configuration import parameter
 from omni_runs.figures import style
 from omni_runs.metrics import Metric
 from omni_studies.claims import limited
+from omni_studies.line_trials import integrity_cases as cases
 from omni_studies.line_trials import integrity_trials as trials
 from omni_studies.study import StudyResult, StudyRun
 from omni_tools.campaign.runner import CampaignOptions, digest
 from omni_tools.line_trials.trials import within_95
 
 _WOOD_ANGLES = (15, 30, 45, 60, 75)
-_KINDS = (
+_ALL_FAULTS_OVER = (
     "asphalt", "worn_asphalt", "concrete", "wet_concrete", "gravel", "grass", "sand", "bark",
     "brick", "cobble", "planks",
 )  # fmt: skip
+_FLOORS = (
+    "carpet", "terrazzo", "slabs", "tile", "wet_asphalt", "sealed_concrete", "epoxy", "flake_epoxy",
+)  # fmt: skip
+_FLOOR_NOISE = 2.0  # gray levels; the light indoors is weak
 GROUNDS = {
-    **{kind: trials.Ground(kind) for kind in _KINDS},
+    **{kind: trials.Ground(kind) for kind in _ALL_FAULTS_OVER},
+    **{kind: trials.Ground(kind, noise=_FLOOR_NOISE) for kind in _FLOORS},
     **{f"wood_{angle}": trials.Ground("wood", math.radians(angle)) for angle in _WOOD_ANGLES},
 }
 _ORIENTED = tuple(name for name in GROUNDS if name.startswith("wood_"))
 _OF_TIME_OVER = ("asphalt", "concrete", "gravel", "grass", "brick")
+_TEXTURED = ("gravel", "flake_epoxy", "carpet", "slabs", "terrazzo")
+_RICH = ("gravel", "grass", "flake_epoxy")
+_SMOOTH = ("sealed_concrete", "epoxy")
+_COARSE = ("brick", "carpet", "slabs", "tile", "terrazzo", "wet_asphalt")
+_LIMITED_OVER = {
+    **dict.fromkeys(
+        ("stuck_pixel", "hot_pixels", "dark_steps", "shadow_fixed", "repeating_ground"),
+        _ALL_FAULTS_OVER,
+    ),
+    **dict.fromkeys(cases.OF_TIME, _OF_TIME_OVER),
+    **dict.fromkeys(("low_light", "heave", "late_dirt", "lost_light"), _RICH),
+    **dict.fromkeys(
+        ("creep", "creep_prnu", "creep_after_motion", "start", "stop", "rest", "rest_flicker",
+         "rest_after_motion", "cover_left", "cover_front"),
+        _TEXTURED,
+    ),
+    **dict.fromkeys((name for name in cases.FAULTS if name.startswith("walk")), _SMOOTH),
+}  # fmt: skip
+"""Grounds over which a fault is injected by default; any other fault is injected over all grounds
+but wood."""
+_CERTAIN_BATCHES = 3000  # batches of a cell above which the bound of its error rate is limited
+_CONFIDENCE = 0.95  # of this bound
 
 
 class Options(CampaignOptions):
@@ -59,17 +91,24 @@ class Options(CampaignOptions):
     faults: tuple[str, ...] = option(
         (),
         metavar="FAULT",
-        choices=tuple(trials.FAULTS),
+        choices=tuple(cases.FAULTS),
         many=True,
-        description=f"faults, out of {', '.join(trials.FAULTS)}; default: all, but none over wood, "
-        "and faults of stamps and lost lines only over a few grounds",
+        description=f"faults and difficult motions, out of {', '.join(cases.FAULTS)}; default: "
+        "all, but none over wood, and some of them only over a few grounds",
     )
     batches: int = parameter(
         16,
-        description=f"number of batches of each of {len(trials.SENSORS)} cameras in each of "
-        f"{len(trials.MOTIONS)} motions",
+        description=f"number of batches of each of {len(cases.SENSORS)} cameras in each of "
+        f"{len(cases.MOTIONS)} motions",
         minimum=2,
         maximum=10_000,
+    )
+    runs: int = parameter(
+        1,
+        description="number of seeds, counted from `seed`; with ten, every cell has at least "
+        f"{_CERTAIN_BATCHES} batches, and the upper limits of its error rates are checked",
+        minimum=1,
+        maximum=1000,
     )
     method: str = parameter(OdometryConfiguration.method, choices=METHODS)
     """value of the parameter `odometry.method`"""
@@ -91,6 +130,12 @@ class IntegrityDrive(NamedTuple):
             [1].
         covered: number of measured batches with an error within 1.96 stated standard deviations.
         energy: sum of the squared errors of measured batches [m^2/s^2].
+        beyond: number of batches with an error beyond 4 stated standard deviations.
+        products: sum of the products of the normalized errors of consecutive twists [1].
+        powers: sum of the squares of these errors [1].
+        hidden: number of batches of covered cameras.
+        rejected: number of these batches that are unmeasured.
+        alarms: number of batches that are rejected as covered, although the camera is not.
     """
 
     seed: int
@@ -102,16 +147,37 @@ class IntegrityDrive(NamedTuple):
     squares: float
     covered: int
     energy: float
+    beyond: int
+    products: float
+    powers: float
+    hidden: int
+    rejected: int
+    alarms: int
 
     @classmethod
     def of(cls, seed: int, ground: str, fault: str, tally: trials.Tally) -> IntegrityDrive:
         """Return the counts of a drive, from the errors of all batches."""
         measured = np.isfinite(tally.ratio)
         ratio, error = tally.ratio[measured], tally.error[measured]
-        every = len(tally.ratio), int(np.count_nonzero(tally.undetected))
-        within = int(np.count_nonzero(within_95(ratio)))
-        counted = len(ratio), float(ratio @ ratio), within, float(error @ error)
-        return cls(seed, ground, fault, *every, *counted)
+        products, powers = tally.autocovariance
+        hidden = int(np.count_nonzero(tally.covered))
+        return cls(
+            seed=seed,
+            ground=ground,
+            fault=fault,
+            batches=len(tally.ratio),
+            undetected=int(np.count_nonzero(tally.undetected)),
+            measured=len(ratio),
+            squares=float(ratio @ ratio),
+            covered=int(np.count_nonzero(within_95(ratio))),
+            energy=float(error @ error),
+            beyond=int(np.count_nonzero(tally.beyond)),
+            products=products,
+            powers=powers,
+            hidden=hidden,
+            rejected=int(np.count_nonzero(tally.covered & ~measured)),
+            alarms=0 if hidden else sum(w.startswith("covered") for w in tally.reasons),
+        )
 
     def plus(self, other: IntegrityDrive) -> IntegrityDrive:
         """Return the counts of this drive and another one together."""
@@ -127,30 +193,34 @@ class _Drives:
     chosen: bool
     batches: int
     seed: int
+    runs: int
     method: str
 
     def __call__(self, number: int) -> IntegrityDrive:
         """Simulate the drive with this number, and return its counts."""
-        name, motion, fault = self.cells[number]
+        run, name, motion, fault = self.cells[number]
         drives = range(motion, motion + 1)
-        faults = {fault: trials.FAULTS[fault]}
+        faults = {fault: cases.FAULTS[fault]}
         tallies = trials.drive_over(
-            GROUNDS[name], faults, drives, self.batches, self.seed, method=self.method
+            GROUNDS[name], faults, drives, self.batches, self.seed + run, method=self.method
         )
         return IntegrityDrive.of(number, name, fault, tallies[fault])
 
-    @property
-    def cells(self) -> list[tuple[str, int, str]]:
-        """Ground, motion and fault of each drive.
+    @functools.cached_property
+    def cells(self) -> list[tuple[int, str, int, str]]:
+        """Number of the seed, ground, motion and fault of each drive.
 
         Drives that differ only in the fault follow one another, because they share a rendered
         motion.
         """
+        most = max(len(fault.motions) for fault in cases.FAULTS.values())
         return [
-            (name, motion, fault)
+            (run, name, motion, fault)
+            for run in range(self.runs)
             for name in self.grounds
-            for motion in range(len(trials.MOTIONS))
+            for motion in range(most)
             for fault in self.faults_over(name)
+            if motion < len(cases.FAULTS[fault].motions)
         ]
 
     def faults_over(self, ground: str) -> tuple[str, ...]:
@@ -159,34 +229,34 @@ class _Drives:
             return self.faults
         if ground in _ORIENTED:
             return ("none",)
-        return tuple(f for f in self.faults if f not in trials.OF_TIME or ground in _OF_TIME_OVER)
+        return tuple(f for f in self.faults if ground in _LIMITED_OVER.get(f, (ground,)))
 
     @property
     def fingerprint(self) -> str:
         """Digest of all settings that determine the drives."""
-        return digest(repr(self), inspect.getsource(trials), repr(GROUNDS))
+        sources = inspect.getsource(trials), inspect.getsource(cases)
+        return digest(repr(self), *sources, repr(GROUNDS))
 
 
 def run(options: Options, study: StudyRun) -> StudyResult:
     """Simulate all test drives over the grounds with the faults; write figure, data and metrics."""
     grounds = options.grounds or tuple(GROUNDS)
-    faults = options.faults or tuple(trials.FAULTS)
-    work = _Drives(
-        grounds, faults, bool(options.faults), options.batches, options.seed, options.method
-    )
+    faults = options.faults or tuple(cases.FAULTS)
+    chosen = options.batches, options.seed, options.runs, options.method
+    work = _Drives(grounds, faults, bool(options.faults), *chosen)
     drives = study.campaign(
         work, range(len(work.cells)), IntegrityDrive, options, work.fingerprint, "drives.csv"
     )
     tallies = _added_up(drives)
-    cells = [(name, fault) for name in grounds for fault in faults if (name, fault) in tallies]
+    found = [(name, fault) for name in grounds for fault in faults if (name, fault) in tallies]
     study.figure("integrity.png", _draw(grounds, faults, tallies))
     header = (
         "ground", "fault", "batches", "undetected_per_mille", "available_percent",
-        "normalized_error", "coverage_percent", "rmse_mm_per_s",
+        "normalized_error", "coverage_percent", "rmse_mm_per_s", "beyond_4_sigma_per_mille",
     )  # fmt: skip
-    study.table("integrity.csv", header, ((*cell, *_numbers(tallies[cell])) for cell in cells))
-    metrics = limited("integrity", _metrics(cells, tallies))
-    return study.result(metrics, *_findings(cells, metrics))
+    study.table("integrity.csv", header, ((*cell, *_numbers(tallies[cell])) for cell in found))
+    metrics = limited("integrity", _metrics(found, tallies))
+    return study.result(metrics, *_findings(found, metrics))
 
 
 def _added_up(drives: Iterable[IntegrityDrive]) -> dict[tuple[str, str], IntegrityDrive]:
@@ -208,24 +278,59 @@ def _numbers(counts: IntegrityDrive) -> tuple[float, ...]:
         counts.squares / measured,
         100.0 * counts.covered / measured,
         1e3 * math.sqrt(counts.energy / measured),
+        1e3 * counts.beyond / counts.batches,
     )
 
 
+def _upper_bound(events: int, batches: int) -> float:
+    """Return the upper confidence bound of a rate (Clopper and Pearson) [per mille].
+
+    The batches count as independent.
+    """
+    if events == batches:
+        return 1000.0
+    return 1e3 * float(stats.beta.ppf(_CONFIDENCE, events + 1, batches - events))
+
+
 def _metrics(
-    cells: list[tuple[str, str]], tallies: Mapping[tuple[str, str], IntegrityDrive]
+    found: list[tuple[str, str]], tallies: Mapping[tuple[str, str], IntegrityDrive]
 ) -> dict[str, Metric]:
     metrics = {}
-    for name, fault in cells:
-        _, undetected, available, squared, coverage, rmse = _numbers(tallies[name, fault])
+    for name, fault in found:
+        counts = tallies[name, fault]
+        _, undetected, available, squared, coverage, rmse, beyond = _numbers(counts)
         key = f"{name}_{fault}"
         metrics[f"undetected_error_rate.{key}"] = Metric(undetected, "per mille")
+        metrics[f"beyond_4_sigma_rate.{key}"] = Metric(beyond, "per mille")
         metrics[f"availability.{key}"] = Metric(available, "%")
         metrics[f"rmse.{key}"] = Metric(
             rmse, "mm/s", note="" if math.isfinite(rmse) else "nothing was measured"
         )
+        if counts.batches >= _CERTAIN_BATCHES:
+            for quantity, events in (
+                ("undetected_error_bound", counts.undetected),
+                ("beyond_4_sigma_bound", counts.beyond),
+            ):
+                bound = _upper_bound(events, counts.batches)
+                metrics[f"{quantity}.{key}"] = Metric(bound, "per mille")
+        if fault == "none":
+            alarms = 1e2 * counts.alarms / counts.batches
+            metrics[f"false_cover_share.{name}"] = Metric(alarms, "%")
         if fault == "none" and math.isfinite(squared):
             metrics[f"normalized_error.{name}"] = Metric(squared, "1", reference=1.0)
             metrics[f"coverage.{name}"] = Metric(coverage, "%", reference=95.0)
+        elif fault not in cases.EVERYWHERE and math.isfinite(squared):
+            metrics[f"case_normalized_error.{key}"] = Metric(squared, "1", reference=1.0)
+        if fault == "none" and counts.powers > 0.0:
+            correlation = counts.products / counts.powers
+            metrics[f"error_autocorrelation.{name}"] = Metric(correlation, "1", reference=0.0)
+        if counts.hidden:
+            rejected = 100.0 * counts.rejected / counts.hidden
+            metrics[f"cover_detected.{key}"] = Metric(rejected, "%")
+    coarse = [tallies[name, "none"] for name in _COARSE if (name, "none") in tallies]
+    if len(coarse) == len(_COARSE):
+        share = 100.0 * sum(c.measured for c in coarse) / sum(c.batches for c in coarse)
+        metrics["pooled_availability.coarse_none"] = Metric(share, "%")
     return metrics
 
 
@@ -253,7 +358,7 @@ def _draw(
     faults: tuple[str, ...],
     tallies: Mapping[tuple[str, str], IntegrityDrive],
 ) -> Figure:
-    size = (13.0, 0.36 * len(grounds) + 2.6)
+    size = (0.8 * len(faults) + 3.0, 0.36 * len(grounds) + 2.6)
     figure, (panels,) = style.panels("", 1, 2, size=size, sharey=True)
     titles = "Undetected errors in 1000 batches", "Measured batches [%]; white: not simulated"
     looks = zip(panels, titles, (1, 2), (30.0, 100.0), ("OrRd", "YlGn"), strict=True)

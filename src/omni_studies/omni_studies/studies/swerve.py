@@ -7,7 +7,7 @@ function of sideways velocity and yaw rate.
 
 Section 3.7 names wheels of different roller angles as a cause of rotation. The study simulates the
 stop of the experiment straight_line with one wheel whose angle differs, in the vehicle or only in
-the assistant's parameters.
+the assistant's parameters. Figure 24 states at which heading the rotation ends (`equilibrium`).
 """
 
 import dataclasses
@@ -42,6 +42,8 @@ _TITLES = {
 
 
 _ANGLE_ERRORS = (0.0, 5.0, 10.0, -10.0)  # deg
+_SPEED = 10.0  # speed before the stop that shows the equilibrium, as in straight_line [m/s]
+_EQUILIBRIUM_TIME = 1.0  # time after which its angle is evaluated [s]
 
 
 class Options(Configuration):
@@ -113,11 +115,30 @@ def run(options: Options, study: StudyRun) -> StudyResult:
             ("enhanced, k = 1: shorter stop", "enhanced", 1),
         )
     }
-    metrics |= roller_angle_metrics(study, options.vehicle)
+    metrics |= equilibrium(loaded) | roller_angle_metrics(study, options.vehicle)
     study.figure("forces.png", _draw_forces(wheels))
     study.figure("weighting.png", weighting_functions())
     study.figure("manifold.png", _draw_manifold(manifolds, options.speed))
     return study.result(metrics)
+
+
+def equilibrium(vehicle: VehicleConfiguration) -> dict[str, Metric]:
+    """Return the angle between velocity and active direction of the most loaded wheel (Figure 24).
+
+    Section 3.1: a vehicle with locked wheels turns until both directions are parallel.
+    """
+    machine = Vehicle(vehicle, twist=np.array([_SPEED, 0.0, 0.0]))
+    heaviest = int(np.argmax(machine.wheels["load"]))
+    active = PlatformGeometry.from_wheels(vehicle.wheels).active[heaviest]
+    all_on, steps = np.ones(len(vehicle.wheels)), round(_EQUILIBRIUM_TIME / machine.physics_step)
+    path = machine.advance(steps, 1.0, all_on, np.zeros(3))
+    found = {}
+    for case, (_, _, yaw, v_x, v_y, _) in {"start": path[0], "later": path[-1]}.items():
+        away = math.remainder(
+            yaw + math.atan2(active[1], active[0]) - math.atan2(v_y, v_x), math.pi
+        )
+        found[f"equilibrium_angle.{case}"] = Metric(abs(math.degrees(away)), "deg")
+    return found
 
 
 def roller_angle_metrics(study: StudyRun, vehicle: str) -> dict[str, Metric]:

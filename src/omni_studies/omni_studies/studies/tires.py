@@ -18,8 +18,9 @@ from omni_runs.figures import style
 from omni_runs.metrics import Metric
 from omni_sim.configuration import SimulationConfiguration
 from omni_sim.tire.combined_slip import combined_forces
+from omni_sim.tire.interface.configuration import TireConfiguration, TMeasyConfiguration
 from omni_sim.tire.models import tmeasy
-from omni_sim.tire.tire import Tire, TireConfiguration
+from omni_sim.tire.tire import Tire
 from omni_sim.vehicle.configuration import VehicleConfiguration
 from omni_sim.vehicle.vehicle import DEFAULT_PHYSICS_STEP, Vehicle
 from omni_studies.study import StudyResult, StudyRun
@@ -99,7 +100,7 @@ def _characteristic_metrics(model: Tire) -> dict[str, Metric]:
     return metrics
 
 
-def _slip_figure(model: Tire, tire: tmeasy.TMeasyConfiguration) -> Figure:
+def _slip_figure(model: Tire, tire: TMeasyConfiguration) -> Figure:
     """Draw force versus slip with the five numbers that define it (Figure 4)."""
     load = tire.nominal_load_1
     figure, axes = _axes("Slip s [1]", "Longitudinal force F [kN]")
@@ -151,7 +152,7 @@ def _load_figure(tire: Tire, loads: FloatArray) -> Figure:
     return figure
 
 
-def _interpolation_figure(tire: tmeasy.TMeasyConfiguration) -> Figure:
+def _interpolation_figure(tire: TMeasyConfiguration) -> Figure:
     """Draw the parabola (3) of the longitudinal slope versus load (Figure 6)."""
     figure, axes = _axes("Wheel load $F_z$ [kN]", "Slope $dF_0$ at zero slip [kN]")
     load_1, load_2 = tire.nominal_load_1, tire.nominal_load_2
@@ -178,7 +179,7 @@ def _interpolation_figure(tire: tmeasy.TMeasyConfiguration) -> Figure:
     return figure
 
 
-def _parabola(tire: tmeasy.TMeasyConfiguration, load: FloatArray) -> FloatArray:
+def _parabola(tire: TMeasyConfiguration, load: FloatArray) -> FloatArray:
     """Return the longitudinal slope [N] at each load [N] by Eq. (3), for loads of any size."""
     c = tmeasy.direction_coefficients(tire)
     return np.asarray((c[0] + c[1] * load) * load, dtype=np.float64)
@@ -202,7 +203,7 @@ def _model_figure(tires: Mapping[str, Tire], loads: Sequence[float]) -> Figure:
     return figure
 
 
-def _combined_figure(tire: tmeasy.TMeasyConfiguration) -> Figure:
+def _combined_figure(tire: TMeasyConfiguration) -> Figure:
     """Draw lateral force versus longitudinal force under combined slip (section 2.3.1)."""
     load = tire.nominal_load_1
     figure, axes = _axes("Longitudinal force $F_x$ [kN]", "Lateral force $F_y$ [kN]")

@@ -6,7 +6,8 @@ with the moving contact of rollers (section 2.3.2), and individual rollers (sect
 and motions are averaged over the wheel angles and compared between individual rollers and the
 single-roller wheel. The study also refines the time step, determines how far a vehicle moves while
 parked on a slope and after a stop, and measures the computing time per wheel. Finally, the forklift
-is pushed and brakes on conventional wheels, Mecanum wheels and omni-wheels (Figure 23, `kinds`).
+is pushed and brakes on conventional wheels, Mecanum wheels and omni-wheels (Figure 23, `kinds`);
+`parts` has two rows of rollers and a motor.
 
 In ``mujoco``, the same vehicle brakes fully from the same motion on single-roller wheels, on
 individual rollers, and in MuJoCo, both unassisted and with the brake assistant, whose feedback is
@@ -30,12 +31,12 @@ from omni_runs.figures import style
 from omni_runs.history import RunHistory
 from omni_runs.loop import run_closed_loop
 from omni_runs.metrics import Metric, run_metrics
+from omni_sim.mujoco_import import load_mujoco
 from omni_sim.vehicle.configuration import VehicleConfiguration, WheelCondition
-from omni_sim.vehicle.mujoco_vehicle import MujocoVehicle, load_mujoco
-from omni_sim.vehicle.suspension import SuspensionConfiguration
+from omni_sim.vehicle.mujoco_vehicle import MujocoVehicle
 from omni_sim.vehicle.vehicle import DEFAULT_PHYSICS_STEP, Vehicle
 from omni_studies.study import StudyResult, StudyRun
-from omni_studies.wheels import cost, kinds, trials
+from omni_studies.wheels import cost, kinds, parts, trials
 from omni_studies.wheels.trials import CONTACT, ROLLERS, SINGLE, TRIALS, with_wheels
 
 CASES = {
@@ -157,7 +158,7 @@ def run(options: Options, study: StudyRun) -> StudyResult:
     mecanum = vehicles["mecanum"]
     pushes = {kind: kinds.pushed(kinds.on_wheels(mecanum, kind)) for kind in kinds.KINDS}
     stops = {kind: kinds.stopped(kinds.on_wheels(mecanum, kind)) for kind in kinds.KINDS}
-    metrics |= kinds.metrics(pushes, stops)
+    metrics |= kinds.metrics(pushes, stops) | parts.metrics(mecanum, vehicles["three_wheel"])
     study.figure("kinds.png", kinds.draw(pushes, stops))
     study.figure("contact.png", _draw_contact(vehicles["mecanum"]))
     study.figure("forces.png", _draw_forces(vehicles))
@@ -411,7 +412,7 @@ def _mismounted(vehicle: VehicleConfiguration, higher: float = 0.001) -> dict[st
             machine.advance(4000, 1.0, np.ones(len(offsets)), np.zeros(3), traced=False)
             loads.append(machine.wheels["load"])
         high = {next(iter(vehicle.wheels)): WheelCondition(mounted=higher)}
-        springs = SuspensionConfiguration(stiffness=stiffness)
+        springs = dataclasses.replace(vehicle.suspension, stiffness=stiffness)
         sprung = dataclasses.replace(vehicle, suspension=springs)
         tilted_ones = (dataclasses.replace(sprung, conditions=wheels) for wheels in ({}, high))
         ours = [Vehicle(one).wheels["load"] for one in tilted_ones]

@@ -19,7 +19,7 @@ from omni_core.quantities import FloatArray
 from omni_runs.compiled import run_fast_loop
 from omni_runs.experiment import ExperimentConfiguration
 from omni_sim.configuration import GroundConfiguration
-from omni_sim.ground.friction import FrictionPatch
+from omni_sim.ground.configuration import FrictionPatch
 from omni_tools.campaign.runner import digest
 
 Part = TypeVar("Part", GroundConfiguration, FrictionPatch)

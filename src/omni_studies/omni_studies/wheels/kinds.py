@@ -76,9 +76,15 @@ def pushed(vehicle: VehicleConfiguration) -> Trial:
     return Trial(vehicle, _advanced(machine, PUSH_TIME, machine.configuration, braking=False))
 
 
-def stopped(vehicle: VehicleConfiguration, longest: float = 4.0) -> Trial:
-    """Brake a vehicle fully from `SPEED` straight ahead; all stops end within `longest` [s]."""
-    machine = Vehicle(vehicle, twist=(SPEED, 0.0, 0.0))
+def stopped(vehicle: VehicleConfiguration, longest: float = 4.0, wheel_angle: float = 0.0) -> Trial:
+    """Brake a vehicle fully from `SPEED` straight ahead.
+
+    Args:
+        vehicle: the vehicle.
+        longest: duration within which all stops end [s].
+        wheel_angle: initial angle of all wheels [rad].
+    """
+    machine = Vehicle(vehicle, twist=(SPEED, 0.0, 0.0), wheel_angle=wheel_angle)
     return Trial(vehicle, _advanced(machine, longest, vehicle, braking=True))
 
 

@@ -19,7 +19,7 @@ from local_cluster import local_client
 from omni_core.configuration import ConfigurationError
 from omni_runs.compiled import run_fast_loop
 from omni_runs.experiment import ExperimentLibrary
-from omni_sim.vehicle.loads import MassProperties
+from omni_sim.masses import MassProperties
 from omni_studies.campaign.random_braking import (
     Outcome,
     RandomBraking,

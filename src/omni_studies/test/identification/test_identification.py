@@ -32,7 +32,7 @@ from omni_studies.identification.sensitivity import (
 from omni_studies.identification.study import write_files
 
 CONFIG = Path(__file__).resolve().parents[4] / "config"
-PAGE = (CONFIG.parent / "docs/identification.md").read_text(encoding="utf-8")
+PAGE = Path(table_2.__file__).with_name("README.md").read_text(encoding="utf-8")
 MIDDLE = rounded([(quantity.low + quantity.high) / 2.0 for quantity in QUANTITIES])
 
 Bases = dict[str, ExperimentConfiguration]
@@ -133,7 +133,7 @@ def test_search_gets_better(bases: Bases) -> None:
 def test_a_load_that_overhangs_or_a_wheel_beyond_its_tire_is_not_sound(bases: Bases) -> None:
     found = parameters_of(bases["k7"])
     overhang = found["load_y"] / (0.5 * found["track"]) - 1.0
-    overload = 6099.0 / 6000.0 - 1.0  # front left, docs/identification.md
+    overload = 6099.0 / 6000.0 - 1.0  # front left, README.md of the package
     violation = assumption_violation(configure(bases["k7"], found).vehicle)
     assert violation == pytest.approx(overhang + overload, rel=1e-3)
     assert cost(bases, found, sound=True) > 100.0 * cost(bases, found)

@@ -10,7 +10,8 @@ import pytest
 from omni_core.commands.command_options import parse_options
 from omni_runs.experiment import ExperimentLibrary
 from omni_runs.metrics import Metric
-from omni_studies.line_trials.integrity_trials import FAULTS, Ground, PathMotion, Tally, drive_over
+from omni_studies.line_trials.integrity_cases import FAULTS, PathMotion
+from omni_studies.line_trials.integrity_trials import Ground, Tally, _Exposed, drive_over
 from omni_studies.studies import integrity
 from omni_studies.study import StudyRun
 
@@ -34,7 +35,8 @@ def test_a_fixed_pattern_is_not_taken_for_the_ground(fault: str, tallies: dict[s
 
 
 def test_steps_of_the_dark_signal_do_not_bias_fast_motion_over_a_faint_ground() -> None:
-    motions = (PathMotion((8.0, 0.0, 0.3), -1.0), PathMotion((5.0, 0.0, 0.0), -1.5))
+    braked = ((0.0, 1.0), (0.5, 0.25))
+    motions = (PathMotion((8.0, 0.0, 0.3), braked), PathMotion((5.0, 0.0, 0.0), braked))
     ground = Ground("brick", texels=2048)
     tally = drive_over(ground, {"steps": FAULTS["dark_steps"]}, range(2), 9, 1, motions)["steps"]
     assert not tally.undetected.any()
@@ -96,3 +98,46 @@ def test_a_campaign_in_parts_gives_the_same_counts(
     assert whole["availability.cork_none"].value > 50.0
     study("parts", "--seeds", "0:5")
     assert study("parts", "--resume") == whole
+
+
+def test_the_path_of_a_motion_is_the_integral_of_its_speed() -> None:
+    motion = PathMotion((1.0, 0.0, 0.0), ((0.0, 0.0), (0.2, 0.0), (0.4, 2.0)))
+    wanted = [0.0, 0.0, 0.05, 0.2, 0.4]
+    np.testing.assert_allclose(motion.traveled(np.array([0.0, 0.2, 0.3, 0.4, 0.5])), wanted)
+
+
+def test_a_case_counts_what_follows_its_lead_and_knows_the_covered_camera() -> None:
+    ground, faults = Ground("gravel", texels=2048), {"cover_left": FAULTS["cover_left"]}
+    tally = drive_over(ground, faults, range(2), 4, 5)["cover_left"]
+    assert len(tally.ratio) == 2 * 4 * 3
+    assert tally.covered.sum() == 2 * 4
+    seen = np.isfinite(tally.ratio[~tally.covered])
+    assert len(tally.scores) == 2
+    assert tally.scores[0].shape == (4, 3)
+    assert seen.size == 16
+
+
+def test_a_drive_over_two_grounds_has_the_exposures_of_both() -> None:
+    time, one, two = np.linspace(0.0, 0.5, 6), np.zeros((6, 2)), np.ones((6, 2))
+    first, drive = (_Exposed(time, time, {"left": own.astype(np.float32)}) for own in (one, two))
+    assert drive.after(first, 0.3).exposures["left"][:, 0].tolist() == [0, 0, 0, 1, 1, 1]
+
+
+@pytest.mark.parametrize("name", ["low_light", "heave", "start", "rest_flicker"])
+def test_difficult_light_and_motions_are_simulated(name: str) -> None:
+    ground = Ground("flake_epoxy", texels=2048)
+    tally = drive_over(ground, {name: FAULTS[name]}, range(1, 3), 4, 5)[name]
+    assert np.isfinite(tally.error).all()
+    assert len(tally.ratio) == 2 * 4 * 3
+
+
+def test_the_autocorrelation_of_constant_errors_is_one() -> None:
+    nothing = np.zeros(0)
+    scores = (np.full((5, 3), 2.0), np.full((3, 3), np.nan))
+    products, squares = Tally(nothing, nothing, (), nothing > 0.0, scores).autocovariance
+    assert products == squares == 4 * 3 * 4.0
+
+
+def test_the_bound_of_a_rate_without_events_is_that_of_clopper_and_pearson() -> None:
+    assert integrity._upper_bound(0, 3000) == pytest.approx(1e3 * (1.0 - 0.05 ** (1.0 / 3000)))
+    assert integrity._upper_bound(3000, 3000) == 1000.0

@@ -188,6 +188,8 @@ def test_more_overlap_gives_fewer_errors_and_the_median_fewer_still(
         assert few < 0.5
     else:
         raw, filtered = (metrics[f"right_share_{x}.cork"].value for x in ("raw", "median"))
+        alone, prior = (metrics[f"right_share_{x}_prior.cork"].value for x in ("without", "with"))
+        assert prior > alone + 0.05  # small changes are more likely
         assert filtered >= raw
 
 

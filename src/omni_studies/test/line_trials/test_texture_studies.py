@@ -12,7 +12,8 @@ import pytest
 from omni_core.commands.command_options import parse_options
 from omni_core.configuration import ConfigurationError
 from omni_runs.experiment import ExperimentLibrary
-from omni_sim.texture.texture import GroundTexture, TextureConfiguration, generate_texture
+from omni_sim.texture.configuration import TextureConfiguration
+from omni_sim.texture.texture import GroundTexture, generate_texture
 from omni_studies.line_trials.view_grid import GROUP, MOTION
 from omni_studies.study import StudyRun, load_study
 from omni_tools.line_trials.rig import View

@@ -7,6 +7,7 @@ import importlib.util
 import sys
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,7 +17,11 @@ from omni_core.quantities import GRAVITY
 from omni_runs.experiment import ExperimentLibrary
 from omni_runs.loop import run_closed_loop
 from omni_runs.metrics import run_metrics
-from omni_sim.vehicle.mujoco_vehicle import MujocoVehicle, load_mujoco
+from omni_sim.mujoco_import import load_mujoco
+from omni_sim.vehicle.configuration import VehicleConfiguration
+from omni_sim.vehicle.mujoco_vehicle import MujocoVehicle
+from omni_sim.vehicle.vehicle import Vehicle
+from omni_studies.wheels.kinds import on_wheels
 from omni_tools.vehicles.estimates import Measured, write_vehicle
 
 LIBRARY = ExperimentLibrary(Path(__file__).resolve().parents[4] / "config")
@@ -56,13 +61,63 @@ def test_a_machine_brakes_to_rest_and_the_assistant_keeps_it_straight(engine: st
 
 
 @needs_mujoco
-@pytest.mark.parametrize(("variant", "swerve"), [("unassisted", 5.0), ("assisted", 1.5)])
+@pytest.mark.parametrize(("variant", "swerve"), [("unassisted", 6.5), ("assisted", 1.5)])
 def test_mujoco_swerves_and_stops_as_our_vehicle_does(variant: str, swerve: float) -> None:
     other = stop(variant, "mujoco")
     for engine in ("single", "rollers"):
         ours = stop(variant, engine)
         assert ours["orientation_change"] == pytest.approx(other["orientation_change"], abs=swerve)
         assert ours["stopping_distance"] == pytest.approx(other["stopping_distance"], rel=0.07)
+
+
+@needs_mujoco
+def test_the_row_on_which_the_wheels_lock_matters_in_mujoco_as_in_our_simulation() -> None:
+    turned, loads = [], []
+    for apart in (0.0, 0.08):
+        vehicle = LIBRARY.vehicle("mecanum_forklift")
+        rollers = dataclasses.replace(vehicle.rollers, rows_apart=apart, small_radius=0.04)
+        vehicle = dataclasses.replace(vehicle, wheel_model="rollers", rollers=rollers)
+        # The wheels lock on an even roller, whose row is 40 mm to the left.
+        begin: dict[str, Any] = {"twist": (5.0, 0.0, 0.0), "wheel_angle": -0.15}
+        ours, other = Vehicle(vehicle, **begin), mujoco(vehicle, **begin)
+        for _ in range(65):
+            for machine in (ours, other):
+                machine.advance(20, 1.0, np.ones(4), np.zeros(3), traced=False)
+        assert other.pose[0] == pytest.approx(ours.pose[0], rel=0.03)
+        turned.append((ours.pose[2], other.pose[2]))
+        for machine in (ours, other):
+            machine.place(np.zeros(3), np.zeros(3))
+            machine.advance(1000, 1.0, np.ones(4), np.zeros(3), traced=False)
+            loads.append(machine.wheels["load"].copy())
+    np.testing.assert_allclose(loads[0], loads[1], atol=40.0)
+    np.testing.assert_allclose(loads[2], loads[3], atol=40.0)
+    effect = np.degrees(np.diff(turned, axis=0)[0])
+    assert effect[0] < -2.0
+    assert effect[0] == pytest.approx(effect[1], abs=2.0)
+
+
+@needs_mujoco
+def test_conventional_wheels_move_in_mujoco_as_in_our_simulation() -> None:
+    """A stop from 10 m/s, and a cart that is put down obliquely to its wheels."""
+    vehicle = on_wheels(LIBRARY.vehicle("mecanum_forklift"), "conventional")
+    ours, other = Vehicle(vehicle, twist=(10.0, 0.0, 0.0)), mujoco(vehicle, twist=(10.0, 0.0, 0.0))
+    for _ in range(150):  # MuJoCo's friction follows the loads from call to call
+        for machine in (ours, other):
+            machine.advance(20, 1.0, np.ones(4), np.zeros(3), traced=False)
+    assert other.pose[0] == pytest.approx(ours.pose[0], rel=0.02)
+    assert ours.pose[2] < other.pose[2] < 0.0  # both turn to the right, in MuJoCo less
+    assert other.pose[2] == pytest.approx(ours.pose[2], abs=np.radians(7.0))
+    even = dataclasses.replace(vehicle, load=dataclasses.replace(vehicle.load, x=0.0, y=0.0))
+    ours, other = Vehicle(even, twist=(3.0, 1.0, 0.0)), mujoco(even, twist=(3.0, 1.0, 0.0))
+    for machine in (ours, other):
+        machine.advance(1000, 0.1, np.zeros(4), np.zeros(3), traced=False)
+        assert abs(machine.twist[1]) < 0.05  # the wheels grip sideways, and roll ahead
+    np.testing.assert_allclose(other.twist, ours.twist, atol=0.1)
+
+
+def mujoco(vehicle: VehicleConfiguration, **begin: Any) -> MujocoVehicle:
+    """Return a vehicle in MuJoCo."""
+    return MujocoVehicle(dataclasses.replace(vehicle, wheel_model="mujoco"), **begin)
 
 
 @needs_mujoco

@@ -14,7 +14,8 @@ from omni_brake_assist.weighting import weighting_function
 from omni_core.kinematics import PlatformKinematics
 from omni_runs.compiled import run_fast_loop
 from omni_runs.experiment import ExperimentLibrary
-from omni_sim.tire.tire import Tire, TireConfiguration
+from omni_sim.tire.interface.configuration import TireConfiguration
+from omni_sim.tire.tire import Tire
 from omni_tools.line_trials.trials import error_values
 
 LIBRARY = ExperimentLibrary(Path(__file__).resolve().parents[4] / "config")

@@ -13,9 +13,9 @@ import pytest
 from omni_core.commands.command_options import parse_options
 from omni_core.configuration import ConfigurationError
 from omni_runs.experiment import ExperimentLibrary
-from omni_sim.tire.tire import TireConfiguration
+from omni_sim.masses import MassConfiguration
+from omni_sim.tire.interface.configuration import TireConfiguration
 from omni_sim.vehicle.configuration import VehicleConfiguration
-from omni_sim.vehicle.loads import MassConfiguration
 from omni_studies.studies import spin_translate
 from omni_studies.studies.spin_translate import SpinTranslate, track
 from omni_studies.study import StudyRun, run_study

@@ -37,7 +37,7 @@ class Options(CommandOptions):
     configuration next to the first recording)"""
     twist: str = option(
         topics.TWIST.name,
-        choices=(topics.TWIST.name, topics.VELOCITY_SENSOR.name, topics.GROUND_TRUTH.name),
+        choices=tuple(topics.WITH_TWIST),
     )
     """topic with the measured twist: odometry/twist, velocity_sensor/twist or ground_truth/odom"""
     out: Path | None = option(None, metavar="DIR")

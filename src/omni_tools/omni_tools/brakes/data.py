@@ -10,8 +10,6 @@ from omni_recording.folder import open_vehicle
 from omni_runs.recorded_run import Stream, measured_twist, ordered, read_streams, values_of
 
 _WHEELS, _PEDAL, _ENABLE = topics.WHEEL_STATES.name, topics.PEDAL.name, topics.ENABLE.name
-_TWISTS = (topics.TWIST, topics.VELOCITY_SENSOR, topics.GROUND_TRUTH)
-TWIST_TOPICS = {topic.name: topic for topic in _TWISTS}
 
 
 class BrakeDataError(configuration.InputError):
@@ -46,14 +44,14 @@ def read_brake_data(
             it also contains `brake/enable`, unless the stop was made without an assistant.
         wheel_names: wheel names of the vehicle, in the order of the columns.
         brake: configuration of the brakes, which gives the resolution of the valves.
-        twist_topic: one of `TWIST_TOPICS`.
+        twist_topic: a key of `topics.WITH_TWIST`.
 
     Raises:
         BagError: the recording cannot be read or lacks a topic.
         BrakeDataError: recording and vehicle have different wheels, the twist was never measured,
             or a demand is not finite.
     """
-    required = (topics.WHEEL_STATES, topics.PEDAL, TWIST_TOPICS[twist_topic])
+    required = (topics.WHEEL_STATES, topics.PEDAL, topics.WITH_TWIST[twist_topic])
     streams = read_streams(open_vehicle(folder), (*required, topics.ENABLE), required)
     wheels, twists, pedal = (streams[name] for name in (_WHEELS, twist_topic, _PEDAL))
     start_ns = int(wheels.stamp_ns[0])

@@ -15,6 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
+from scipy.sparse.csgraph import connected_components
 
 from omni_core.configuration import ConfigurationError
 from omni_core.geometry import PlatformGeometry, WheelMount
@@ -307,7 +308,7 @@ def _swaps(
     if moved:
         order = {name: mounts[places[row]] for row, name in enumerate(names)}
         words = " and ".join(names[row] for row in moved)
-        swaps = len(moved) - _cycles(places, moved)
+        swaps = len(names) - connected_components(np.eye(len(names))[of_speed])[0]
         yield (
             (
                 Cause(
@@ -321,18 +322,6 @@ def _swaps(
             ),
             order,
         )
-
-
-def _cycles(places: Mapping[int, int], moved: Iterable[int]) -> int:
-    """Return the number of cycles of a permutation."""
-    left, count = set(moved), 0
-    while left:
-        start = row = min(left)
-        while row in left:
-            left.remove(row)
-            row = places[row]
-        count += row == start
-    return count
 
 
 def _named(error: scales.Scale, factor: float, names: Sequence[str], stated: Stated) -> Cause:
@@ -421,7 +410,11 @@ def _of_sensor(key: str, kind: str, factor: float) -> Cause:
         "twist fl": ("twist sensor: speed", "check height, scale and unit of its sensors"),
         "twist f": ("twist sensor: v_x", "check scale and unit of its sensors"),
         "twist l": ("twist sensor: v_y", "check scale and unit of its sensors"),
-        "twist t": ("twist sensor: yaw rate", "check unit and lever of its sensors"),
+        "twist t": (
+            "twist sensor: yaw rate",
+            "check unit and lever of its sensors; if it is always 0, add angular.z to the "
+            "parameter unmeasured of twist_adapter",
+        ),
         "gyro": ("gyro: yaw rate", "check its unit (rad/s), axes and scale"),
     }[kind]
     return Cause(

@@ -178,7 +178,7 @@ def _at_full_stick(configuration: ExperimentConfiguration, speed: float) -> Expe
         configuration: configuration of the whole loop.
         speed: speed at full deflection [m/s]; the motion is first forward, then to the left.
     """
-    from omni_sim.driver.scripted import DemandConfiguration, ManeuverConfiguration
+    from omni_sim.driver.configuration import DemandConfiguration, ManeuverConfiguration
 
     demands = DemandConfiguration(
         time=(0.0, 1.0), forward=(speed, 0.0), left=(0.0, speed), turn=(0.0,) * 2, pedal=(0.0,) * 2

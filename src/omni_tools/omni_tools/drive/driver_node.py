@@ -36,7 +36,7 @@ from omni_core.geometry import WheelMount
 from omni_ros import parameters, process, qos
 from omni_ros.environment import REPORT_VARIABLE, report
 from omni_ros.messages import joint_state, planar_pose_of, planar_twist, to_nanoseconds
-from omni_sim.ground.friction import FrictionPatch
+from omni_sim.ground.configuration import FrictionPatch
 from omni_tools.drive.confirmed_call import ConfirmedCall
 from omni_tools.drive.demand_source import DemandSource
 from omni_tools.drive.placement import was_placed

@@ -27,6 +27,7 @@ from omni_runs.history import RunHistory
 from omni_runs.limit import forces
 from omni_runs.limit.stop_kinds import Maneuver
 from omni_sim.tire.interface.model import curve_at
+from omni_sim.tire.models import kernel_parameters
 from omni_sim.vehicle.configuration import VehicleConfiguration
 from omni_sim.vehicle.loads import load_plane
 
@@ -214,7 +215,7 @@ class OptimalStop:
         """Return a smooth model with the slope, peaks and sliding force of the vehicle's tire."""
         tire = self._vehicle.tire
         loads = np.linspace(0.05, 1.0, 20) * tire.largest_load
-        curves = [curve_at(tire.kernel_parameters, float(load), 1.0) for load in loads]
+        curves = [curve_at(kernel_parameters(tire), float(load), 1.0) for load in loads]
         peak, slip = np.array([(curve.peak_force, curve.peak_slip) for curve in curves]).T
         slope = float(np.mean([c.slope * c.peak_slip / c.peak_force for c in curves]))
         slide = float(np.mean([c.slide_force / c.peak_force for c in curves]))

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 from omni_core.commands.command_options import CommandOptions, option, overrides_option
 from omni_core.commands.command_report import Report
 from omni_core.configuration import ConfigurationError, check_choice
+from omni_core.kinematics import require_omni_wheels
 from omni_runs.workspace import ExperimentWorkspace
 
 if TYPE_CHECKING:
@@ -141,6 +142,7 @@ def _question(options: Options, library: ExperimentLibrary) -> tuple[str, Load]:
             raise ConfigurationError(
                 "--set", "can only be used with an experiment, not with --vehicle"
             )
+        require_omni_wheels(library.vehicle(options.vehicle).wheels, "limit")
         moving = (f"{keys[word]}={value}" for word, value in given.items())
         overrides = (f"vehicle={options.vehicle}", *moving)
     elif given:

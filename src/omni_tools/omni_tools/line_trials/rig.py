@@ -16,9 +16,11 @@ from omni_core.geometry import turned
 from omni_core.quantities import SECOND_NS, FloatArray, IntArray
 from omni_core.sensors import LineSensor
 from omni_core.signals import LineBatch
-from omni_sim.camera.camera import CameraConfiguration, LineCamera, LineCameraArray
+from omni_sim.camera.camera import LineCamera, LineCameraArray
+from omni_sim.camera.configuration import CameraConfiguration
 from omni_sim.texture.cache import TextureCache
-from omni_sim.texture.texture import GroundTexture, TextureConfiguration
+from omni_sim.texture.configuration import TextureConfiguration
+from omni_sim.texture.texture import GroundTexture
 
 PERIOD = 0.2
 """Period of the ground texture [m]."""
@@ -80,7 +82,7 @@ def ground(kind: str, texels: int = 4096, seed: int = 1) -> GroundTexture:
     """Return the texture of a ground from the user's cache; it is rendered if necessary.
 
     Args:
-        kind: one of `omni_sim.texture.texture.KINDS`.
+        kind: one of `omni_sim.texture.configuration.KINDS`.
         texels: number of texels per period of 0.2 m.
         seed: seed of the pattern.
     """

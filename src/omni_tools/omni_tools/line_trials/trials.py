@@ -9,13 +9,14 @@ Here, the velocity error is computed as the displacement error *times* the rate.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
+from linescan_odometry.configuration import OdometryConfiguration
 from linescan_odometry.matching import search, subpixel
-from linescan_odometry.odometry import LineScanOdometry, OdometryConfiguration
+from linescan_odometry.odometry import LineScanOdometry
 from omni_core.quantities import BoolArray, FloatArray, IntArray
 from omni_core.sensors import sensor_matrix
 from omni_core.signals import Lines
@@ -27,6 +28,10 @@ ERROR_COLUMNS = ("mean_error_px", "rmse_px", "rmse_mm", "rmse_percent_of_speed")
 """Column names for the results of `error_values`."""
 
 _DEVIATIONS = 4.0  # limit on the ratio that the stated standard deviation explains [1]
+
+
+SearchChoice = str | Callable[[int], search.ShiftSearch]
+"""Similarity metric of a full search, or a constructor of a search as in `search.METRICS`."""
 
 
 def within_95(ratio: FloatArray) -> BoolArray:
@@ -176,7 +181,7 @@ def measure(
     pairs: int,
     noise: float,
     seed: int,
-    metric: str = "pearson",
+    metric: SearchChoice = "pearson",
     runs: int = 1,
 ) -> list[Matches]:
     """Render consecutive lines for each motion; return their true and measured displacements.
@@ -188,7 +193,7 @@ def measure(
         pairs: number of consecutive line pairs from each start position.
         noise: standard deviation [gray levels].
         seed: seed of positions and noise.
-        metric: similarity metric of the search.
+        metric: the search.
         runs: number of random start positions for each motion.
     """
     generator = np.random.default_rng(seed)
@@ -228,7 +233,12 @@ def path(
     return poses_at(np.arange(lines) / view.line_rate, start, twist)
 
 
-def match(view: View, poses: FloatArray, lines: Lines, metric: str = "pearson") -> Matches:
+def match(
+    view: View,
+    poses: FloatArray,
+    lines: Lines,
+    metric: SearchChoice = "pearson",
+) -> Matches:
     """Return the true and the measured displacement of each line from the previous line.
 
     The search covers displacements of up to half the length of a line.
@@ -238,12 +248,13 @@ def match(view: View, poses: FloatArray, lines: Lines, metric: str = "pearson") 
         poses: x, y [m] and yaw [rad] of the camera at each line, with constant yaw, shape (m + 1,
             3).
         lines: gray values of the lines, shape (m + 1, pixels).
-        metric: similarity metric of the search.
+        metric: as for `measure`.
     """
     pairs = len(lines) - 1
     shift = np.empty(pairs, np.int64)
     similarity = np.empty(pairs)
-    search.METRICS[metric](view.pixels // 2).match(lines, shift, similarity)
+    construct = search.METRICS[metric] if isinstance(metric, str) else metric
+    construct(view.pixels // 2).match(lines, shift, similarity)
     displacement, errors = subpixel.SubpixelRefiner(view.pixels).refine(lines, shift)
     axis = poses[0, 2]
     along = math.cos(axis) * np.diff(poses[:, 0]) + math.sin(axis) * np.diff(poses[:, 1])

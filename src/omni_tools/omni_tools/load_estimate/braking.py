@@ -18,8 +18,8 @@ import numpy as np
 
 from omni_core.geometry import PlatformGeometry, cross, turned
 from omni_core.quantities import GRAVITY, FloatArray
+from omni_sim.masses import MassConfiguration
 from omni_sim.vehicle.configuration import VehicleConfiguration
-from omni_sim.vehicle.loads import MassConfiguration
 from omni_tools.load_estimate.data import DriveData
 
 SLOWEST = 0.5

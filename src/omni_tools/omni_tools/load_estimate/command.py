@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 from omni_core import topics
 from omni_core.commands.command_options import CommandOptions, option
 from omni_core.commands.command_report import Report, estimate, estimate_table, write_text
+from omni_core.configuration import ConfigurationError
 from omni_runs.workspace import ExperimentWorkspace
 
 if TYPE_CHECKING:
@@ -25,7 +26,6 @@ if TYPE_CHECKING:
 
 WORK = "estimating the load"
 _LIVE = Path("live")
-_TWISTS = (topics.TWIST, topics.VELOCITY_SENSOR, topics.GROUND_TRUTH)
 _UNEVEN = 3.0  # standard errors
 
 
@@ -40,7 +40,7 @@ class Options(CommandOptions):
     vehicle"""
     empty: Path | None = option(None, metavar="RECORDING")
     """drive of the empty vehicle, which calibrates the radii, the ground speed and the brakes"""
-    twist: str = option(topics.TWIST.name, choices=tuple(one.name for one in _TWISTS))
+    twist: str = option(topics.TWIST.name, choices=tuple(topics.WITH_TWIST))
     """topic with the measured twist"""
     wear: float = option(0.05, unit="mm", above=0.0, maximum=50.0)
     """standard error of the radius of each wheel, by wear since the calibration; without --empty,
@@ -71,12 +71,16 @@ def run(options: Options, workspace: ExperimentWorkspace) -> Report:
     """Estimate the load, write it as a vehicle file and warn of a swerve."""
     from omni_tools.load_estimate.estimate import center_of, load_of
 
+    if options.empty and options.empty.resolve() in [one.resolve() for one in options.recordings]:
+        raise ConfigurationError(
+            "--empty", "is the drive with the load, too; give a drive of the empty vehicle"
+        )
     vehicle = workspace.experiment_library().vehicle(options.vehicle)
     found = _estimate(options, workspace, vehicle)
     mass, error = center_of(found.moments, found.covariance)
     load, load_error = load_of(found, vehicle)
     metrics = _entries(vehicle, (mass, error), (load, load_error), found)
-    carried = load if load[0] > 2.0 * load_error[0] else 0.0 * load
+    carried = _known(load, load_error)
     path = options.out or _default_file(options, workspace)
     values = workspace.experiment_library().vehicle_values(options.vehicle)
     warning, rotation = warn(options, vehicle, carried)
@@ -90,6 +94,11 @@ def run(options: Options, workspace: ExperimentWorkspace) -> Report:
             f"allocation set brake_assist.nominal_mass to {mass[0]:.0f}",
         ),
     )
+
+
+def _known(load: Any, error: Any) -> Any:
+    """Return mass and position of a load, which are 0 if its mass is below two standard errors."""
+    return load if load[0] > 2.0 * error[0] else 0.0 * load
 
 
 def warn(options: Options, vehicle: VehicleConfiguration, load: Any) -> tuple[str, float]:
@@ -140,7 +149,8 @@ def _receive(
 
     def state(found: LoadEstimate) -> tuple[str, dict[str, str]]:
         load, error = load_of(found, vehicle)
-        warning, rotation = warn(options, vehicle, load if load[0] > 2.0 * error[0] else 0.0 * load)
+        load = _known(load, error)
+        warning, rotation = warn(options, vehicle, load)
         words = ("mass [kg]", "forward [m]", "to the left [m]")
         values = {f"load, {word}": f"{value:.3g}" for word, value in zip(words, load, strict=True)}
         return warning, values | {"rotation without assistance [deg]": f"{rotation:.1f}"}
@@ -159,7 +169,7 @@ def _read(recording: Path, wheels: tuple[str, ...], twist: str) -> DriveData:
     from omni_runs.recorded_run import read_streams
     from omni_tools.load_estimate.data import REQUIRED, drive_data
 
-    chosen = (*REQUIRED, *(one for one in _TWISTS if one.name == twist))
+    chosen = (*REQUIRED, topics.WITH_TWIST[twist])
     return drive_data(read_streams(open_vehicle(recording), chosen, chosen), wheels, twist)
 
 
@@ -173,8 +183,10 @@ def _entries(
         ("load", load, (vehicle.load.mass, vehicle.load.x, vehicle.load.y)),
     ):
         for key, unit, k in (("mass", "kg", 0), ("forward", "m", 1), ("left", "m", 2)):
-            metric = estimate(values[k], unit, errors[k]) | {"described": float(known[k])}
-            entries[f"{key}.{case}"] = metric
+            # No load has no position.
+            if k == 0 or _known(values, errors)[0] > 0.0:
+                metric = estimate(values[k], unit, errors[k]) | {"described": float(known[k])}
+                entries[f"{key}.{case}"] = metric
     for name, value, error in zip(vehicle.wheels, found.loads, found.load_errors, strict=True):
         entries[f"wheel_load.{name}"] = estimate(value, "N", error)
     return entries

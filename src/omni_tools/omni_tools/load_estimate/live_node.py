@@ -19,7 +19,6 @@ from omni_tools.node_check.exchange_node import Partner, subscribe
 # All messages are kept until they are taken, so that none is lost during an evaluation.
 _LOSSLESS = QoSProfile(history=QoSHistoryPolicy.KEEP_ALL, reliability=QoSReliabilityPolicy.RELIABLE)
 _PERIOD = 2.0  # time between two estimates [s]
-_TOPICS = {one.name: one for one in (topics.TWIST, topics.VELOCITY_SENSOR, topics.GROUND_TRUTH)}
 
 
 def receive(
@@ -45,7 +44,7 @@ def receive(
         LoadDataError: the drive does not suffice for an estimate.
     """
     publisher = advertise(partner.node, topics.DIAGNOSTICS)
-    chosen = (*REQUIRED, _TOPICS[twist_topic])
+    chosen = (*REQUIRED, topics.WITH_TWIST[twist_topic])
     seen: dict[str, list[tuple[int, Any]]] = {}
     end = time.monotonic() + duration
     while True:

@@ -6,8 +6,8 @@ import math
 import numpy as np
 
 from omni_core.quantities import CONTROL_PERIOD, FloatArray
+from omni_sim.masses import MassConfiguration
 from omni_sim.vehicle.configuration import VehicleConfiguration
-from omni_sim.vehicle.loads import MassConfiguration
 from omni_sim.vehicle.vehicle import Vehicle
 
 _DIRECTIONS = 12

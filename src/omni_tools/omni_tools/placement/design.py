@@ -12,14 +12,16 @@ from typing import NamedTuple, TypeVar
 
 import numpy as np
 
-from linescan_odometry.odometry import LineScanOdometry, OdometryConfiguration
+from linescan_odometry.configuration import OdometryConfiguration
+from linescan_odometry.odometry import LineScanOdometry
 from omni_core.configuration import ConfigurationError, WorkError, check_choice
 from omni_core.geometry import WheelMount
 from omni_core.quantities import SECOND_NS, FloatArray
 from omni_core.sensors import LineSensor
 from omni_runs.experiment import ExperimentLibrary
 from omni_runs.figures.scene import Scene
-from omni_sim.texture.texture import KINDS, GroundTexture
+from omni_sim.texture.configuration import KINDS
+from omni_sim.texture.texture import GroundTexture
 from omni_tools.line_trials import rig
 from omni_tools.line_trials.rig import BATCH_TIME, PERIOD, Rig, View, batch_lines
 from omni_tools.placement import error as criteria

@@ -2,7 +2,8 @@
 
 A camera occupies the rectangle of its field of view and a housing around it. Each camera keeps a
 clearance from the edge of the chassis, the wheels and the other cameras. The configuration does not
-contain the width of the wheels; the width in the drawings is used.
+contain the width of the wheels; the width in the drawings is used. A steered wheel needs room at
+all of its steering angles.
 """
 
 import dataclasses
@@ -17,6 +18,10 @@ from omni_core.quantities import BoolArray, FloatArray, IntArray
 from omni_core.sensors import LineSensor
 from omni_runs.figures.scene import Scene, placed, rectangle
 from omni_tools.line_trials.rig import View
+
+# Largest difference between two steering angles at which a wheel must not touch a camera [rad]. The
+# corner of a wheel passes between them by less than 0.4 % of its distance from the axis.
+_TURN = math.radians(10.0)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -71,7 +76,7 @@ class MountingArea:
             Indices, shape (...).
         """
         found = np.full(poses.shape[:-1], -1, np.int64)
-        for index, (wheel, half) in enumerate(self._wheels):
+        for index, wheel, half in self._wheels:
             close = _overlap(poses, self._grown(), wheel, half)
             found = np.where(close & (found < 0), index, found)
         return found
@@ -119,13 +124,23 @@ class MountingArea:
         return half_length + self.clearance, half_width + self.clearance
 
     @functools.cached_property
-    def _wheels(self) -> list[tuple[FloatArray, tuple[float, float]]]:
-        """Return pose (x, y [m], heading [rad]) and half sizes [m] of each wheel's rectangle."""
+    def _wheels(self) -> list[tuple[int, FloatArray, tuple[float, float]]]:
+        """Return index, pose (x, y [m], heading [rad]) and half sizes [m] of rectangles of wheels.
+
+        A steered wheel has a rectangle for each of the steering angles that its motion covers.
+        """
+        mounts = self.scene.wheels.values()
         geometry = PlatformGeometry.from_wheels(self.scene.wheels)
         poses = np.column_stack((geometry.position, np.arctan2(*geometry.rolling.T[::-1])))
         sides = np.diff(self.scene.wheel_outlines, axis=1)[:, :2]
         halves = 0.5 * np.linalg.norm(sides, axis=2)  # length and width, shape (N, 2)
-        return list(zip(poses, map(tuple, halves), strict=True))
+        found = []
+        for index, (mount, pose) in enumerate(zip(mounts, poses, strict=True)):
+            limit = math.radians(min(mount.steering_limit_deg, 90.0))  # a rectangle is symmetric
+            for angle in np.linspace(-limit, limit, 2 * math.ceil(limit / _TURN) + 1):
+                half = float(halves[index, 0]), float(halves[index, 1])
+                found.append((index, pose + np.array([0.0, 0.0, angle]), half))
+        return found
 
 
 def _overlap(

@@ -33,8 +33,9 @@ from omni_runs.figures import style
 from omni_runs.figures.scene import Scene
 from omni_runs.figures.tables.comparison_table import in_readable_unit, metric_label, metric_number
 from omni_runs.history import RunHistory
+from omni_sim.masses import support_polygon
 from omni_sim.vehicle.configuration import VehicleConfiguration
-from omni_sim.vehicle.loads import load_plane, support_polygon, wheel_loads
+from omni_sim.vehicle.loads import load_plane, wheel_loads
 from omni_tools.report import recording
 from omni_tools.report.recording import ReportedRun, Series
 

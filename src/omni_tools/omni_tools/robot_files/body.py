@@ -74,20 +74,15 @@ def weigh(
 
 def _mass_center(robot: Robot, base: str, mass: float) -> tuple[FloatArray, float]:
     """Return the center of gravity in the link `base` [m], and the yaw inertia [kg m^2]."""
-    poses = {name: robot.pose(name, base) for name in robot.links}
-    points = {
-        name: poses[name][:3, :3] @ link.center + poses[name][:3, 3]
-        for name, link in robot.links.items()
-    }
-    center = np.zeros(3)
-    for name, link in robot.links.items():
-        center = center + link.mass / mass * points[name]
-    inertia = 0.0
-    for name, link in robot.links.items():
-        up = poses[name][2, :3]  # the vertical of the base in the frame of the link
-        inertia += float(up @ link.inertia @ up)
-        inertia += link.mass * float(np.sum((points[name] - center)[:2] ** 2))
-    return center, inertia
+    links = list(robot.links.values())
+    poses = np.array([robot.pose(link.name, base) for link in links])
+    weights = np.array([link.mass for link in links])
+    places = np.array([link.center for link in links])
+    points = np.einsum("lij,lj->li", poses[:, :3, :3], places) + poses[:, :3, 3]
+    center = weights @ points / mass
+    up = poses[:, 2, :3]  # the vertical of the base in the frame of each link
+    own = np.einsum("li,lij,lj->", up, np.array([link.inertia for link in links]), up)
+    return center, float(own + weights @ np.sum((points - center)[:, :2] ** 2, axis=1))
 
 
 def _wheel_mass(robot: Robot, wheel: DescribedWheel) -> float:

@@ -72,7 +72,9 @@ def _compare_circle(
         mean = float(np.mean([np.linalg.norm(place) for place in at.values()]))
         values = {file: mean, controller.name: controller.robot_radius}
         found.differ("distance of the wheels from the center", values, file, "measure it")
-    first = math.degrees(controller.wheel_offset or 0.0)
+    if controller.wheel_offset is None:
+        return
+    first = math.degrees(controller.wheel_offset)
     for row, (key, place) in enumerate(at.items()):
         assumed = wrapped(first + 360.0 * row / len(at))
         angle = math.degrees(math.atan2(place[1], place[0]))

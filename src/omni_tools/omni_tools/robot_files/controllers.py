@@ -47,7 +47,13 @@ _FACTOR = "_wheel_radius_multiplier"
 # Difference of two values of the same length that is more than a rounding to three digits [1].
 DIFFERENT = 0.01
 FARTHEST = 10.0  # distance of a wheel from the center of all wheels [m]
-_DISTANCES = ("sum", "wheelbase", "track", "robot_radius")
+# Largest magnitude, unit, and its name, of a length; and of a parameter by the end of its name.
+_LENGTH = FARTHEST, " m", "meters"
+_LIMITS = {
+    "offset": (math.tau, " rad", "radians"),
+    "theta": (math.tau, " rad", "radians"),
+    "multiplier": (10.0, "", "a factor"),
+}
 
 
 class Controller(NamedTuple):
@@ -64,7 +70,8 @@ class Controller(NamedTuple):
         track: distance of the left wheels from the right wheels [m].
         offset: position [m, m] and heading [rad] of the base frame in the frame at the center.
         robot_radius: distance of omni-wheels from the center [m].
-        wheel_offset: direction of the first omni-wheel from the center [rad].
+        wheel_offset: direction of the first omni-wheel from the center [rad]; None if the
+            controller is not the published one, whose wheels follow counter-clockwise.
         base: frame of the twist; empty if none is given.
         keys: names of the parameters in the file, keyed by attribute.
     """
@@ -73,15 +80,15 @@ class Controller(NamedTuple):
     kind: str
     joints: Mapping[str, str]
     radius: float | None
-    factors: Mapping[str, float]
-    sum: float | None
-    wheelbase: float | None
-    track: float | None
-    offset: tuple[float, float, float]
-    robot_radius: float | None
-    wheel_offset: float | None
-    base: str
-    keys: Mapping[str, str]
+    factors: Mapping[str, float] = {}
+    sum: float | None = None
+    wheelbase: float | None = None
+    track: float | None = None
+    offset: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    robot_radius: float | None = None
+    wheel_offset: float | None = None
+    base: str = ""
+    keys: Mapping[str, str] = {}
 
     @property
     def lever(self) -> float | None:
@@ -98,9 +105,9 @@ class Controller(NamedTuple):
         if self.radius is None:
             return None
         if self.kind == OMNI:
-            if self.robot_radius is None:
+            if self.robot_radius is None or self.wheel_offset is None:
                 return None
-            count, first = len(self.joints), self.wheel_offset or 0.0
+            count, first = len(self.joints), self.wheel_offset
             angles = [first + 2.0 * math.pi * row / count for row in range(count)]
             places = [self.robot_radius * np.array((math.cos(a), math.sin(a))) for a in angles]
             headings = [angle - 0.5 * math.pi for angle in angles]
@@ -139,7 +146,14 @@ def read_controllers(path: Path) -> list[Controller]:
     Raises:
         ConfigurationError: the file is not YAML, or a parameter of such a controller is invalid.
     """
-    nodes = dict(_nodes(read_mapping(path, "--from"), ""))
+    nodes: dict[str, dict[str, Any]] = {}
+    for path_of_node, values in _nodes(read_mapping(path, "--from"), ""):
+        name = path_of_node.rpartition("/")[2]
+        # Sections such as /**/drive and /drive may give parts of the same node.
+        known = nodes.setdefault(name, {})
+        if any(known.get(key, value) != value for key, value in values.items()):
+            known = nodes.setdefault(path_of_node, {})
+        known |= values
     types = {
         key.removesuffix(".type"): str(value)
         for values in nodes.values()
@@ -150,6 +164,8 @@ def read_controllers(path: Path) -> list[Controller]:
     for node, values in nodes.items():
         name = node.rpartition("/")[2]
         kind = _kind(types.get(name, ""), values)
+        if kind == OMNI and types.get(name, CLASSES[OMNI]) == CLASSES[OMNI]:
+            values.setdefault("wheel_offset", 0.0)
         if kind:
             found.append(_controller(f"{name} ({path.name})", kind, values))
     return found
@@ -193,34 +209,56 @@ def _controller(name: str, kind: str, values: Mapping[str, Any]) -> Controller:
         else None
         for quantity, key in keys.items()
     }
-    for quantity, length in lengths.items():
-        if quantity != "wheel_offset" and length is not None and length <= 0.0:
-            raise ConfigurationError(
-                "--from", f"{name}: {keys[quantity]} is {length:g}, not above 0"
-            )
-        if quantity in _DISTANCES and length is not None and length > FARTHEST:
-            raise ConfigurationError(
-                "--from",
-                f"{name}: {keys[quantity]} is {length:g} m, more than {FARTHEST:g} m; give meters",
-            )
-    offset = [_number(values, f"base_frame_offset.{key}", name, 0.0) for key in ("x", "y", "theta")]
+    offset = {
+        key: _number(values, key, name, 0.0)
+        for key in (f"base_frame_offset.{axis}" for axis in ("x", "y", "theta"))
+    }
+    x, y, theta = offset.values()
     joints = _joints(kind, values, name)
+    listed = list(joints.values())
+    if twice := next((joint for joint in listed if listed.count(joint) > 1), None):
+        problem = f"{name} names the joint {twice!r} for several wheels; correct one of them"
+        raise ConfigurationError("--from", problem)
     factors = {
         corner: _number(values, key, name)
         for corner in joints
         for key in (f"{corner}{_FACTOR}", f"{corner.replace('rear', 'back')}{_FACTOR}")
         if key in values
     }
+    sizes = {keys[quantity]: size for quantity, size in lengths.items() if size is not None}
+    _check_sizes(
+        name, {**sizes, **{f"{key}{_FACTOR}": one for key, one in factors.items()}}, offset
+    )
     return Controller(
         name=name,
         kind=kind,
         joints=joints,
         factors=factors,
-        offset=(offset[0], offset[1], offset[2]),
+        offset=(x, y, theta),
         base=str(values.get("base_frame_id") or ""),
         keys=keys,
         **lengths,
     )
+
+
+def _check_sizes(name: str, sizes: Mapping[str, float], offset: Mapping[str, float]) -> None:
+    """Raise `ConfigurationError` for a size that is not above 0, or in another unit.
+
+    Args:
+        name: name of the controller.
+        sizes: lengths [m], factors [1] and the angle of the first omni-wheel [rad], keyed by
+            parameter.
+        offset: position [m] and heading [rad] of the base frame, keyed by parameter.
+    """
+    for key, size in {**sizes, **offset}.items():
+        limit, unit, words = _LIMITS.get(re.split("[_.]", key)[-1], _LENGTH)
+        problem = ""
+        if key in sizes and unit != " rad" and size <= 0.0:
+            problem = "not above 0"
+        elif abs(size) > limit:
+            problem = f"more than {limit:.3g}{unit}; give {words}"
+        if problem:
+            raise ConfigurationError("--from", f"{name}: {key} is {size:g}{unit}, {problem}")
 
 
 def _joints(kind: str, values: Mapping[str, Any], name: str) -> dict[str, str]:
@@ -230,7 +268,7 @@ def _joints(kind: str, values: Mapping[str, Any], name: str) -> dict[str, str]:
             raise ConfigurationError(
                 "--from", f"{name}: wheel_names must list three or more joints"
             )
-        return _different({str(row): str(joint) for row, joint in enumerate(names)}, name)
+        return {str(row): str(joint) for row, joint in enumerate(names)}
     found = {}
     for key, joint in values.items():
         if (corner := _JOINT.fullmatch(key)) and joint:
@@ -238,16 +276,7 @@ def _joints(kind: str, values: Mapping[str, Any], name: str) -> dict[str, str]:
     if lacking := [corner for corner in CORNERS if found and corner not in found]:
         problem = f"{name} names no joint of the wheel {', '.join(lacking)}; add its parameter"
         raise ConfigurationError("--from", problem)
-    return _different({corner: found[corner] for corner in CORNERS if found}, name)
-
-
-def _different(joints: dict[str, str], name: str) -> dict[str, str]:
-    """Return joints; raise `ConfigurationError` if two wheels have the same one."""
-    listed = list(joints.values())
-    if twice := next((joint for joint in listed if listed.count(joint) > 1), None):
-        problem = f"{name} names the joint {twice!r} for several wheels; correct one of them"
-        raise ConfigurationError("--from", problem)
-    return joints
+    return {corner: found[corner] for corner in CORNERS if found}
 
 
 def _number(values: Mapping[str, Any], key: str, name: str, usual: float | None = None) -> float:
@@ -296,10 +325,11 @@ def _mecanum(geometry: PlatformGeometry, name: str) -> Controller | None:
         return None
     span = np.ptp(places, axis=0)
     return Controller(
-        name, MECANUM, corners, float(geometry.radius[0]), {}, None,
-        float(span[0]), float(span[1]),
-        (-float(center[0]) + 0.0, -float(center[1]) + 0.0, theta + 0.0), None, None, "", {},
-    )  # fmt: skip
+        *(name, MECANUM, corners, float(geometry.radius[0])),
+        wheelbase=float(span[0]),
+        track=float(span[1]),
+        offset=(0.0 - float(center[0]), 0.0 - float(center[1]), theta + 0.0),
+    )
 
 
 def _omni(geometry: PlatformGeometry, name: str) -> Controller:
@@ -308,10 +338,8 @@ def _omni(geometry: PlatformGeometry, name: str) -> Controller:
     order = np.argsort(np.where(angles < -1e-9, angles + 2.0 * math.pi, angles))
     joints = {str(row): geometry.names[wheel] for row, wheel in enumerate(order)}
     reach = float(np.linalg.norm(geometry.position, axis=1).mean())
-    return Controller(
-        name, OMNI, joints, float(geometry.radius[0]), {}, None, None, None,
-        (0.0, 0.0, 0.0), reach, float(angles[order[0]]), "", {},
-    )  # fmt: skip
+    radius, first = float(geometry.radius[0]), float(angles[order[0]])
+    return Controller(name, OMNI, joints, radius, robot_radius=reach, wheel_offset=first)
 
 
 def controller_file(controller: Controller) -> str:

@@ -99,4 +99,4 @@ def some(names: Sequence[str]) -> str:
 
 def rounded(value: float) -> float:
     """Return a length, mass or inertia with five significant digits, without a negative zero."""
-    return float(f"{value:.5g}") + 0.0
+    return float(f"{round(value, 9):.5g}") + 0.0  # without the rounding errors of a sum

@@ -32,6 +32,8 @@ from omni_tools.robot_files.wheels import DescribedWheel, base_link, described_w
 _RADII = 1e-3, 1.0  # radii of omni-wheels in use [m]
 _UNITS = {"millimeters": 1000.0, "inches": 1.0 / 0.0254}  # lengths of a meter
 _OBLIQUE = 10.0  # smallest angle of a Mecanum wheel's rollers from its axle and its plane [deg]
+_NEAR = 30.0  # limit on the angle between an axle and the direction across the motion [deg]
+_LEVER = 0.3  # smallest plausible ratio of lever to distance of omni-wheels; 1 if tangential [1]
 _ALIKE = 0.1  # difference of two radii in the same unit, relative [1]
 _ROLLERS = (
     "the roller directions, which are an estimate: X seen from above. Check them: from above, the "
@@ -77,7 +79,8 @@ def describe(
 def _check_one(controllers: Sequence[Controller]) -> None:
     first, *others = controllers
     for other in others:
-        if other._replace(name=first.name) != first:
+        # The frame of the twist and the names of parameters are no kinematics.
+        if other._replace(name=first.name, base=first.base, keys=first.keys) != first:
             raise ConfigurationError(
                 "--from",
                 f"several controllers drive wheels in different ways: {first.name} and "
@@ -104,6 +107,7 @@ def _of_controller(controller: Controller | None, radius: float | None) -> Descr
         values = {"x": mount.x, "y": mount.y, **angles, "radius": mount.radius}
         found.wheels[name] = {key: round(value, 6) + 0.0 for key, value in values.items()}
     found.sources["wheels"] = f"{controller.name}, which assumes the roller directions"
+    found.questions += [_ROLLERS] * (found.kind == MECANUM)
     found.questions.append(
         "the files contain no chassis: how long and wide is it? (--length, --width)"
     )
@@ -117,8 +121,7 @@ def _kind(
     given: str | None,
 ) -> str:
     """Return the kind of the wheels: the user's, the controller's, or that of the axles."""
-    away = [abs(wrapped(2.0 * (w.heading_deg - wheels[0].heading_deg))) / 2.0 for w in wheels]
-    parallel = max(away) < PARALLEL
+    parallel = _are_parallel(wheels)
     if given is not None:
         return given
     if controller is not None:
@@ -129,12 +132,31 @@ def _kind(
                 f"{controller.kind} wheels; used: {controller.kind}; look at the wheels"
             )
         return controller.kind
-    if parallel:
-        found.questions.append(
-            "the axles are parallel, so the wheels are taken as Mecanum wheels: are they? "
-            "(--kind omni for others)"
-        )
+    words = ("", "Mecanum wheels", "omni") if parallel else ("not ", "omni-wheels", "mecanum")
+    found.questions.append(
+        "the axles are {}parallel, so the wheels are taken as {}: are they? (--kind {} for "
+        "others)".format(*words)
+    )
     return MECANUM if parallel else OMNI
+
+
+def _are_parallel(wheels: Sequence[DescribedWheel]) -> bool:
+    away = [abs(wrapped(2.0 * (w.heading_deg - wheels[0].heading_deg))) / 2.0 for w in wheels]
+    return max(away) < PARALLEL
+
+
+def _check_levers(found: Described, wheels: Sequence[DescribedWheel], center: FloatArray) -> None:
+    """List omni-wheels that roll toward their center, as if the axes were those of rollers."""
+    arms = [turned(one.place[:2] - center, -math.radians(one.heading_deg)) for one in wheels]
+    lever, distance = (
+        float(np.mean(one)) for one in (np.abs(arms)[:, 1], np.hypot(*np.transpose(arms)))
+    )
+    if found.kind == OMNI and lever < _LEVER * distance:
+        found.contradictions.append(
+            f"the axes let the wheels roll past their center at a distance of {plain(lever, 2)} m, "
+            "so omni-wheels could hardly turn the robot; used: the axes; Mecanum wheels may be "
+            "described with the axes of their rollers (--kind mecanum)"
+        )
 
 
 def _place_wheels(
@@ -147,6 +169,9 @@ def _place_wheels(
     """Enter position, direction, rollers, radius and width of each wheel."""
     center = np.mean([wheel.place[:2] for wheel in wheels], axis=0)
     assumed = _assumed(controller)
+    if controller is None and found.kind == MECANUM and not _are_parallel(wheels):
+        assumed = {wheel.joint: (0.0, 1.0) for wheel in wheels}
+    _check_levers(found, wheels, center)
     difference: dict[str, float] = {}  # between the axis and the direction of the controller [deg]
     oblique: dict[str, float] = {}
     alike: dict[tuple[tuple[str, float], ...], list[str]] = {}  # joints with the same radii
@@ -180,8 +205,8 @@ def _place_wheels(
     _ask_about_directions(found, file, difference, controller)
     if not alike:
         found.questions.append(
-            "the shapes of the wheels are meshes: which radius do they have (--wheel-radius), and "
-            "are their middles at the joints?"
+            "the shapes of the wheels are meshes or have no size: which radius do they have "
+            "(--wheel-radius), and are their middles at the joints?"
         )
     found.sources["wheels"] = f"joints of {file}"
     if found.kind == MECANUM:
@@ -199,7 +224,7 @@ def _rolling_direction(assumed: float, by_axis: float) -> float:
         by_axis: direction across the axis of the joint [deg].
     """
     for angle in (by_axis, wrapped(by_axis + 180.0)):
-        if abs(wrapped(angle - assumed)) < 45.0:
+        if abs(wrapped(angle - assumed)) < _NEAR:
             return angle
     return assumed
 
@@ -286,7 +311,7 @@ def _ask_about_names(found: Described, wheels: Sequence[DescribedWheel]) -> None
 
 def _assumed(controller: Controller | None) -> dict[str, tuple[float, float]]:
     """Return heading [deg] and factor of the radius that a controller assumes, keyed by joint."""
-    if controller is None:
+    if controller is None or (controller.kind == OMNI and controller.wheel_offset is None):
         return {}
     theta, count = math.degrees(controller.offset[2]), len(controller.joints)
     first = math.degrees(controller.wheel_offset or 0.0) - 90.0

@@ -9,17 +9,19 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import warnings
 from collections.abc import Iterable
 from functools import cached_property
 from typing import TypeVar
 from xml.etree import ElementTree
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from omni_core.configuration import ConfigurationError
 from omni_core.quantities import FloatArray
+from omni_core.sensors import rotation_matrix
 
-_UPRIGHT = 1e-6  # cosine of a pitch that is 90 deg [1]
 _SHAPES = {"box": ("size",), "cylinder": ("radius", "length"), "sphere": ("radius",)}
 
 
@@ -244,14 +246,14 @@ class Robot:
         mass, pose, inertia = 0.0, np.eye(4), np.zeros((3, 3))
         if inertial is not None:
             place = f"link {name!r}"
-            mass = self._number(inertial.find("mass"), "value", place)
+            mass = float(self._numbers(inertial.find("mass"), "value", "0", 1, place)[0])
             pose = self._pose(inertial.find("origin"), place)
             if (tensor := inertial.find("inertia")) is not None:
                 for row, column in ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)):
                     key = f"i{'xyz'[row]}{'xyz'[column]}"
-                    inertia[row, column] = self._number(tensor, key, place)
+                    inertia[row, column] = self._numbers(tensor, key, "0", 1, place)[0]
                     inertia[column, row] = inertia[row, column]
-        if mass < 0.0 or not math.isfinite(mass):
+        if mass < 0.0:
             raise self._wrong(f"has the mass {mass:g} kg in the link {name!r}")
         turn = pose[:3, :3]
         shapes = [
@@ -268,10 +270,12 @@ class Robot:
             solid = element.find(f"geometry/{kind}")
             if solid is not None:
                 place = f"{of} of the link {link!r}"
-                size = [value for key in keys for value in self._numbers(solid, key, "", place)]
-                if len(size) == (3 if kind == "box" else len(keys)) and min(size) >= 0.0:
-                    return Shape(kind, tuple(size), self._pose(element.find("origin"), place), of)
-                raise self._wrong(f"has no valid size of the {kind} in the {place}")
+                count = 3 if kind == "box" else 1
+                size = [self._numbers(solid, key, "", count, place) for key in keys]
+                values = tuple(np.concatenate(size).tolist())
+                if min(values) < 0.0:
+                    raise self._wrong(f"has a negative size of the {kind} in the {place}")
+                return Shape(kind, values, self._pose(element.find("origin"), place), of)
         return None
 
     def _joint(self, element: ElementTree.Element) -> Joint:
@@ -283,7 +287,7 @@ class Robot:
             if found is None or not found.get("link"):
                 raise self._wrong(f"has no {key} link in the {place}")
             ends.append(found.get("link", ""))
-        axis = self._three(element.find("axis"), "xyz", "1 0 0", place)
+        axis = self._numbers(element.find("axis"), "xyz", "1 0 0", 3, place)
         length = float(np.linalg.norm(axis))
         axis = axis / length if length > 0.0 else axis
         pose = self._pose(element.find("origin"), place)
@@ -291,40 +295,33 @@ class Robot:
 
     def _pose(self, element: ElementTree.Element | None, place: str) -> FloatArray:
         pose = np.eye(4)
-        pose[:3, 3] = self._three(element, "xyz", "0 0 0", place)
-        roll, pitch, yaw = self._three(element, "rpy", "0 0 0", place)
-        for angle, (row, column) in ((yaw, (0, 1)), (pitch, (2, 0)), (roll, (1, 2))):
-            turn = np.eye(3)
-            turn[row, row] = turn[column, column] = math.cos(angle)
-            turn[column, row] = math.sin(angle)
-            turn[row, column] = -math.sin(angle)
-            pose[:3, :3] = pose[:3, :3] @ turn
+        pose[:3, 3] = self._numbers(element, "xyz", "0 0 0", 3, place)
+        angles = self._numbers(element, "rpy", "0 0 0", 3, place)
+        pose[:3, :3] = rotation_matrix(np.degrees(angles).tolist())
         return pose
 
-    def _three(
-        self, element: ElementTree.Element | None, key: str, usual: str, place: str
-    ) -> FloatArray:
-        values = self._numbers(element, key, usual, place)
-        if len(values) != 3:
-            raise self._wrong(f"must have three numbers in {key} of the {place}")
-        return np.array(values)
-
-    def _number(self, element: ElementTree.Element | None, key: str, place: str) -> float:
-        values = self._numbers(element, key, "0", place)
-        if len(values) != 1:
-            raise self._wrong(f"must have one number in {key} of the {place}")
-        return values[0]
-
     def _numbers(
-        self, element: ElementTree.Element | None, key: str, usual: str, place: str
-    ) -> list[float]:
+        self, element: ElementTree.Element | None, key: str, usual: str, count: int, place: str
+    ) -> FloatArray:
+        """Return the numbers of an attribute, shape (count,).
+
+        Args:
+            element: element with the attribute; None if it is missing.
+            key: name of the attribute.
+            usual: text that takes the place of a missing one.
+            count: required number of numbers.
+            place: where the attribute is, for messages.
+        """
         text = usual if element is None else element.get(key) or usual
         try:
-            values = [float(word) for word in text.split()]
+            values = np.array([float(word) for word in text.split()])
         except ValueError:
-            values = [math.nan]
-        if not all(map(math.isfinite, values)):
+            values = np.array([math.nan])
+        if not np.all(np.isfinite(values)):
             raise self._wrong(f"has {text!r} in {key} of the {place}, which are not numbers")
+        if len(values) != count:
+            words = "one number" if count == 1 else f"{count} numbers"
+            raise self._wrong(f"must have {words} in {key} of the {place}")
         return values
 
 
@@ -334,12 +331,8 @@ def roll_pitch_yaw(pose: FloatArray) -> tuple[float, float, float]:
     Args:
         pose: matrix of shape (4, 4).
     """
-    pitch = math.atan2(-pose[2, 0], math.hypot(pose[0, 0], pose[1, 0]))
-    if math.cos(pitch) > _UPRIGHT:
-        roll = math.atan2(pose[2, 1], pose[2, 2])
-        yaw = math.atan2(pose[1, 0], pose[0, 0])
-    else:  # roll and yaw turn about the same axis
-        roll, yaw = 0.0, math.atan2(-pose[0, 1], pose[1, 1])
-    angles = (math.degrees(angle) for angle in (roll, pitch, yaw))
-    first, second, third = (round(angle, 4) + 0.0 for angle in angles)
-    return first, second, third
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # at a pitch of 90 deg, roll and yaw turn about one axis
+        angles = Rotation.from_matrix(pose[:3, :3]).as_euler("xyz", degrees=True)
+    roll, pitch, yaw = (round(float(angle), 4) + 0.0 for angle in angles)
+    return roll, pitch, yaw

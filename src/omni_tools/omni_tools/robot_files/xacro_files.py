@@ -7,9 +7,8 @@ those that need more than arithmetic, texts, lists and xacro's own functions are
 
 import ast
 import contextlib
-import os
+import importlib
 import re
-import tempfile
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -54,7 +53,7 @@ def read_description(
     except ImportError:
         problem = f"{path} needs the package xacro: ./omni install xacro, or {_REMEDY}"
         raise ConfigurationError("--from", problem) from None
-    with _siblings_found(path), _guarded(xacro, trust, skipped):
+    with _replaced(_guarded(xacro, packages_around(path), trust, skipped)):
         return _expanded(xacro, path, arguments)
 
 
@@ -93,15 +92,32 @@ def _reason(error: Exception) -> str:
 
 
 @contextlib.contextmanager
-def _guarded(xacro: Any, trust: bool, skipped: list[str] | None) -> Iterator[None]:
-    """Let xacro refuse expressions that need more than `_check` permits, unless they are trusted.
+def _replaced(functions: Mapping[tuple[Any, str], Any]) -> Iterator[None]:
+    """Replace functions of modules, keyed by module and name, for a while."""
+    before = {(module, name): getattr(module, name) for module, name in functions}
+    try:
+        for (module, name), function in functions.items():
+            setattr(module, name, function)
+        yield
+    finally:
+        for (module, name), function in before.items():
+            setattr(module, name, function)
+
+
+def _guarded(
+    xacro: Any, packages: Mapping[str, Path], trust: bool, skipped: list[str] | None
+) -> dict[tuple[Any, str], Any]:
+    """Return functions with which xacro finds packages and evaluates only what `_check` permits.
 
     Args:
         xacro: the module, whose functions `safe_eval` and `eval_extension` evaluate all text.
+        packages: folders of packages that no index contains, keyed by package.
         trust: whether all expressions are evaluated.
         skipped: receives the packages that are missing and left out; None to raise an error.
     """
-    evaluate, extend = xacro.safe_eval, xacro.eval_extension
+    index = importlib.import_module("ament_index_python.packages")
+    find, evaluate = index.get_package_share_directory, xacro.safe_eval
+    extend = xacro.eval_extension
     include, call = xacro.get_include_files, xacro.handle_macro_call
 
     def checked_evaluate(text: str, symbols: Any, *more: Any) -> Any:
@@ -114,6 +130,9 @@ def _guarded(xacro: Any, trust: bool, skipped: list[str] | None) -> Iterator[Non
         if text.startswith("$(eval "):
             _check(text[len("$(eval ") : -1])
         return extend(text)
+
+    def find_around(package: str, *more: Any) -> str:
+        return str(packages[package]) if package in packages else str(find(package, *more))
 
     def include_what_exists(*words: Any) -> list[str]:
         try:
@@ -133,14 +152,13 @@ def _guarded(xacro: Any, trust: bool, skipped: list[str] | None) -> Iterator[Non
             xacro.replace_node(node, by=None)
             return True
 
-    if not trust:
-        xacro.safe_eval, xacro.eval_extension = checked_evaluate, checked_extend
-    xacro.get_include_files, xacro.handle_macro_call = include_what_exists, call_what_exists
-    try:
-        yield
-    finally:
-        xacro.safe_eval, xacro.eval_extension = evaluate, extend
-        xacro.get_include_files, xacro.handle_macro_call = include, call
+    checked = {(xacro, "safe_eval"): checked_evaluate, (xacro, "eval_extension"): checked_extend}
+    return {
+        (index, "get_package_share_directory"): find_around,
+        (xacro, "get_include_files"): include_what_exists,
+        (xacro, "handle_macro_call"): call_what_exists,
+        **({} if trust else checked),
+    }
 
 
 def _check(expression: str) -> None:
@@ -157,29 +175,6 @@ def _check(expression: str) -> None:
             f"the expression ${{{expression}}} uses {name}, through which it could run any "
             "program; if you trust the file, repeat the command with --trust",
         )
-
-
-@contextlib.contextmanager
-def _siblings_found(path: Path) -> Iterator[None]:
-    """Let ``$(find PACKAGE)`` find the packages in the folders around a file.
-
-    They are entered in an index of ament, in a temporary folder before ``AMENT_PREFIX_PATH``.
-    """
-    before = os.environ.get("AMENT_PREFIX_PATH")
-    with tempfile.TemporaryDirectory() as name:
-        index = Path(name, "share/ament_index/resource_index/packages")
-        index.mkdir(parents=True)
-        for package, folder in packages_around(path).items():
-            (index / package).touch()
-            Path(name, "share", package).symlink_to(folder, target_is_directory=True)
-        os.environ["AMENT_PREFIX_PATH"] = os.pathsep.join(filter(None, (name, before)))
-        try:
-            yield
-        finally:
-            if before is None:
-                del os.environ["AMENT_PREFIX_PATH"]
-            else:
-                os.environ["AMENT_PREFIX_PATH"] = before
 
 
 def packages_around(path: Path) -> dict[str, Path]:

@@ -15,6 +15,11 @@ from omni_tools.stopping_area.options import AreaOptions
 # As in section 3.5 and the experiment straight_line: the enhanced weighting with k = 7.
 _ASSISTANT = ("brake_assist.weighting=enhanced", "brake_assist.k=7")
 
+# A stop ends after this time at rest [s]. Tires and chassis then move the footprint by less than
+# 0.6 mm (2000 stops of the vehicles in config/), which `_MARGIN` contains.
+_AT_REST = 0.1
+_MARGIN = 0.002  # by which areas are enlarged: 1 mm for rounding, 1 mm for motion after a stop [m]
+
 # The rule by which the monitor selects a polygon changed with nav2_collision_monitor 1.3.12
 # (VelocityPolygon::isInRange).
 _VERSIONS = {
@@ -30,6 +35,7 @@ def stop_campaign(options: AreaOptions, library: ExperimentLibrary) -> area.Stop
         f"vehicle={options.vehicle}",
         *WITHOUT_CAMERAS,
         "simulation.duration_limit=120",
+        f"simulation.settling_time={_AT_REST}",
         *_ASSISTANT,
         *options.overrides,
         f"brake_assist.enabled={str(not options.unassisted).lower()}",
@@ -102,10 +108,9 @@ def monitor_parameters(
         "then keeps its last polygon. Limit the velocity to these values"
         + ("; Nav2's controllers limit v_x and v_y separately." * (options.limits is None) or ".")
     )
-    # Enlarged by a millimeter, so that the rounded polygon still contains the area.
     polygons = {
         cell.name: {
-            "points": str(np.round(area.corners(limit + 0.001), 3).tolist()),
+            "points": str(np.round(area.corners(limit + _MARGIN), 3).tolist()),
             "linear_min": round(min(lowest, cell.speed[0]), 4),
             "linear_max": round(cell.speed[1], 4),
             "theta_min": round(cell.yaw_rate[0], 4),

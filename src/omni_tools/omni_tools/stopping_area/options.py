@@ -41,7 +41,7 @@ class AreaOptions(CampaignOptions):
     """share of stops that stay within the area of their motion"""
     confidence: float = parameter(0.95, minimum=0.5, maximum=0.9999)
     """confidence with which each area has this coverage"""
-    held_out: int = parameter(2000, minimum=0, maximum=10_000_000)
+    held_out: int = parameter(1000, minimum=0, maximum=10_000_000)
     """number of held-out stops with which the areas are checked"""
     seed: int = parameter(1, minimum=0)
     """seed of all random numbers"""

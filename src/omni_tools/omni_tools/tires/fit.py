@@ -17,9 +17,10 @@ from omni_core.configuration import ConfigurationError, WorkError, from_mapping
 from omni_core.quantities import BoolArray, FloatArray
 from omni_runs.figures import style
 from omni_runs.figures.units import readable_unit
-from omni_sim.tire.interface.model import LARGEST_FORCE, LOAD_RANGE, FitRecipe, Landmarks
+from omni_sim.tire.interface.configuration import LARGEST_FORCE, LOAD_RANGE, TireConfiguration
+from omni_sim.tire.interface.model import FitRecipe, Landmarks
 from omni_sim.tire.models import MODELS
-from omni_sim.tire.tire import Tire, TireConfiguration, steady_forces
+from omni_sim.tire.tire import Tire, steady_forces
 from omni_tools.tires.data import TireData, TireDataError
 
 # The slip at the peak is the least certain initial value, so a search starts from each of these

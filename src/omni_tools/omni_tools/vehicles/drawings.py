@@ -17,7 +17,8 @@ from omni_runs.figures.units import readable_unit
 from omni_runs.plausibility import camera_speed
 from omni_sim.configuration import GroundConfiguration
 from omni_sim.texture.cache import TextureCache
-from omni_sim.tire.tire import Tire, TireConfiguration
+from omni_sim.tire.interface.configuration import TireConfiguration
+from omni_sim.tire.tire import Tire
 from omni_sim.vehicle.configuration import VehicleConfiguration
 from omni_sim.vehicle.plausibility import brakes_over_grip, wheel_facts
 from omni_sim.vehicle.rollers import Rollers

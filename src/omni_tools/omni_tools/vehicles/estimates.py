@@ -16,7 +16,7 @@ from omni_core.configuration import (
 from omni_core.geometry import TYPICAL_WIDTH
 from omni_core.quantities import GRAVITY
 from omni_runs.yaml_files import commented_yaml, merge
-from omni_sim.tire.tire import TireConfiguration
+from omni_sim.tire.interface.configuration import TireConfiguration
 from omni_sim.wheel.roller_geometry import RollerConfiguration
 
 _MECANUM, _OMNI = "mecanum", "omni"

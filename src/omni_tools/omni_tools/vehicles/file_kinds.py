@@ -7,7 +7,7 @@ from omni_core.configuration import Configuration, declared_parameters
 from omni_core.sensors import LineSensor
 from omni_runs.experiment import ExperimentConfiguration
 from omni_sim.configuration import GroundConfiguration
-from omni_sim.tire.tire import TireConfiguration
+from omni_sim.tire.interface.configuration import TireConfiguration
 from omni_sim.vehicle.configuration import VehicleConfiguration
 
 

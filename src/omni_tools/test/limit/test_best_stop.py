@@ -14,7 +14,7 @@ from omni_core.configuration import ConfigurationError
 from omni_runs.compiled import run_fast_loop
 from omni_runs.experiment import ExperimentConfiguration, ExperimentLibrary
 from omni_runs.limit.bounds import maneuver_of, straight_bound
-from omni_sim.vehicle.loads import MassConfiguration
+from omni_sim.masses import MassConfiguration
 from omni_tools.limit import front as front_module
 from omni_tools.limit.best import OptimalStop, Transcription, load_casadi
 from omni_tools.limit.front import LimitStop, draw_front

@@ -21,11 +21,14 @@ from omni_runs.limit.bounds import (
 from omni_runs.limit.forces import Case, LimitVehicle, farthest
 from omni_runs.limit.stop_kinds import Maneuver
 from omni_sim.configuration import GroundConfiguration
-from omni_sim.ground.friction import FrictionPatch
-from omni_sim.vehicle.configuration import VehicleConfiguration
-from omni_sim.vehicle.loads import ForkConfiguration, MassConfiguration, load_plane
-from omni_sim.vehicle.suspension import SuspensionConfiguration
-from omni_sim.wheel.passive_losses import PassiveLossConfiguration
+from omni_sim.ground.configuration import FrictionPatch
+from omni_sim.masses import ForkConfiguration, MassConfiguration
+from omni_sim.vehicle.configuration import (
+    SuspensionConfiguration,
+    VehicleConfiguration,
+)
+from omni_sim.vehicle.loads import load_plane
+from omni_sim.wheel.configuration import PassiveLossConfiguration
 
 ROOT = Path(__file__).parents[4]
 FLAT = GroundConfiguration()
@@ -135,6 +138,23 @@ def test_a_bound_over_headings_is_above_every_heading(forklift: VehicleConfigura
         found = limit.strongest(np.array([math.cos(angle), math.sin(angle)]), case)
         assert found is not None
         assert found.bound <= largest
+
+
+def test_pushing_helps_only_near_a_direction_in_which_wheels_are_not_driven(
+    forklift: VehicleConfiguration,
+) -> None:
+    """At 45 deg, two locked wheels exert forces of either sign; at 44 deg, only by pushing."""
+    limit, deceleration = LimitVehicle(forklift), {}
+    for degrees in (0.0, 44.0, 45.0):
+        direction = np.array([math.cos(math.radians(degrees)), math.sin(math.radians(degrees))])
+        for pushes in (False, True):
+            found = limit.strongest(direction, Case(np.ones(4), straight=True, pushes=pushes))
+            assert found is not None
+            deceleration[degrees, pushes] = found.bound
+    assert deceleration[0.0, True] == pytest.approx(deceleration[0.0, False], rel=1e-9)
+    assert deceleration[45.0, True] == pytest.approx(deceleration[45.0, False], rel=1e-9)
+    assert deceleration[44.0, True] >= deceleration[44.0, False]
+    assert deceleration[44.0, True] == pytest.approx(deceleration[45.0, True], rel=0.02)
 
 
 def test_the_farthest_corner_of_a_polygon_is_found() -> None:

@@ -26,9 +26,10 @@ from omni_runs.limit.forces import Case, LimitVehicle
 from omni_runs.limit.stop_kinds import Maneuver
 from omni_runs.workspace import ExperimentWorkspace
 from omni_sim.configuration import GroundConfiguration
-from omni_sim.ground.friction import FrictionPatch
+from omni_sim.ground.configuration import FrictionPatch
+from omni_sim.masses import MassConfiguration
 from omni_sim.vehicle.configuration import VehicleConfiguration, WheelCondition
-from omni_sim.vehicle.loads import MassConfiguration, load_plane
+from omni_sim.vehicle.loads import load_plane
 from omni_tools.limit.command import Options, run
 
 ROOT = Path(__file__).parents[4]
@@ -278,6 +279,7 @@ def test_the_command_reports_the_bounds_with_and_without_the_loss() -> None:
         ({"lost_brake": ("front_lef",)}, "^--lost-brake: .*did you mean 'front_left'"),
         ({"since": 0.5}, "^--from: can only be used with --lost-brake"),
         ({"lost_brake": ("front_left",), "since": 0.5, "best": True}, "^--from: .*--best"),
+        ({"vehicle": "swerve_robot"}, r"^wheels.rear_left.kind: is conventional, but limit "),
     ],
 )
 def test_wrong_options_are_refused_with_a_sentence(options: dict[str, Any], words: str) -> None:

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from linescan_odometry.odometry import OdometryConfiguration
+from linescan_odometry.configuration import OdometryConfiguration
 from omni_core.sensors import LineSensor
 from omni_core.signals import LineBatch
 from omni_tools.line_files.calibration import Calibration, calibrate, draw_residuals, observe

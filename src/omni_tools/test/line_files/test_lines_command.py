@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from linescan_odometry.odometry import LineScanOdometry, OdometryConfiguration
+from linescan_odometry.configuration import OdometryConfiguration
+from linescan_odometry.odometry import LineScanOdometry
 from omni_bringup.cli import main
 from omni_core.signals import LineBatch
 from omni_recording.decode import MessageDecoder

@@ -8,12 +8,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from linescan_odometry.odometry import (
-    LineBatch,
-    LineScanOdometry,
-    OdometryConfiguration,
-    TwistEstimate,
-)
+from linescan_odometry.configuration import OdometryConfiguration
+from linescan_odometry.odometry import LineBatch, LineScanOdometry, TwistEstimate
 from omni_core.sensors import LineSensor
 from omni_core.signals import Lines
 from omni_tools.line_trials.rig import Rig, ground, poses_at

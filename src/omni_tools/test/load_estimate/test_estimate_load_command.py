@@ -64,6 +64,7 @@ def test_what_does_not_suffice_is_refused(drives: dict[str, Path], tmp_path: Pat
         ([str(tmp_path / "none")], "none", 2),
         ([bag, *TWIST], "3 s of free rolling", 2),
         ([str(drives["loaded"]), "--twist", "odometry/twist"], "odometry/twist", 2),
+        ([str(drives["loaded"]), *TWIST, "--empty", str(drives["loaded"])], "empty vehicle", 2),
     ):
         done = omni(["estimate-load", *words, "--vehicle", "mecanum_forklift"])
         assert done.returncode == code, done.stderr

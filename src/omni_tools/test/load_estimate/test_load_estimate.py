@@ -14,8 +14,8 @@ from omni_core.quantities import GRAVITY, FloatArray
 from omni_core.sensors import sensor_matrix
 from omni_runs.compiled import run_fast_loop
 from omni_runs.experiment import ExperimentLibrary
+from omni_sim.masses import MassProperties
 from omni_sim.vehicle.configuration import VehicleConfiguration
-from omni_sim.vehicle.loads import MassProperties
 from omni_tools.load_estimate.data import DriveData, LoadDataError, joined
 from omni_tools.load_estimate.estimate import (
     Cameras,

@@ -151,3 +151,22 @@ def test_rectangles_overlap_as_their_outlines_do() -> None:
     expected = [not overlap(close.outline(pose, housing=True), outline) for pose in poses]
     assert close.apart(poses, fixed).tolist() == expected
     assert 20 < sum(expected) < 280
+
+
+def test_no_camera_is_in_the_way_of_a_steered_wheel() -> None:
+    area, _ = chassis("steered_forklift")
+    close = dataclasses.replace(area, housing=0.0, clearance=0.0)
+    poses = np.random.default_rng(7).uniform((-0.8, 0.3, -3.0), (-0.4, 0.6, 3.0), (400, 3))
+    mount, free = area.scene.wheels["rear_left"], close.wheel_in_the_way(poses) < 0
+    swept = np.zeros(len(poses), np.bool_)
+    for angle in np.arange(-mount.steering_limit_deg, mount.steering_limit_deg + 1.0):
+        turned = dataclasses.replace(mount, heading_deg=mount.heading_deg + angle)
+        wheel = dataclasses.replace(area.scene, wheels={"": turned}).wheel_outlines[0]
+        outlines = [close.outline(pose, housing=False) for pose in poses]
+        swept |= [overlap(outline, wheel) for outline in outlines]
+    # A corner of the wheel passes between two tested angles by less than a millimeter.
+    assert np.mean(free == ~swept) > 0.99
+    straight = dataclasses.replace(mount, steering_limit_deg=0.0)
+    scene = dataclasses.replace(area.scene, wheels={"rear_left": straight})
+    fixed = dataclasses.replace(close, scene=scene).wheel_in_the_way(poses) < 0
+    assert np.sum(fixed) > np.sum(free) > 20

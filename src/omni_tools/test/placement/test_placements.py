@@ -14,7 +14,8 @@ from omni_core.configuration import ConfigurationError
 from omni_core.signals import LineBatch
 from omni_runs.experiment import ExperimentConfiguration, ExperimentLibrary
 from omni_sim.camera.camera import LineCameraArray
-from omni_sim.texture.texture import GroundTexture, TextureConfiguration, generate_texture
+from omni_sim.texture.configuration import TextureConfiguration
+from omni_sim.texture.texture import GroundTexture, generate_texture
 from omni_tools.two_sensors import (
     PlanarDisplacement,
     SensorDisplacement,

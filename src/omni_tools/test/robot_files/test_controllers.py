@@ -34,13 +34,12 @@ def assert_equal(ours: FloatArray, theirs: FloatArray) -> None:
 
 
 def mecanum(offset: tuple[float, float, float]) -> Controller:
-    return Controller("m", MECANUM, NAMES, 0.05, {}, None, 0.4, 0.3, offset, None, None, "", {})
+    return Controller("m", MECANUM, NAMES, 0.05, wheelbase=0.4, track=0.3, offset=offset)
 
 
 def omni(count: int, angle: float) -> Controller:
     joints = {str(row): f"wheel_{row}" for row in range(count)}
-    no_offset = (0.0, 0.0, 0.0)
-    return Controller("o", OMNI, joints, 0.04, {}, None, None, None, no_offset, 0.2, angle, "", {})
+    return Controller("o", OMNI, joints, 0.04, robot_radius=0.2, wheel_offset=angle)
 
 
 @pytest.mark.parametrize("offset", [(0.0, 0.0, 0.0), (0.1, -0.05, 0.0), (0.2, 0.1, 0.7)])
@@ -201,7 +200,9 @@ def test_parameters_of_any_release_are_read(text: str, tmp_path: Path) -> None:
             ("0.35", "wide"),
             "sum_of_robot_center_projection_on_X_Y_axis is 'wide', must be a number",
         ),
-        (('"0.05"', "0.0"), "wheels_radius is 0, not above 0"),
+        (('"0.05"', "0.0"), "wheels_radius is 0 m, not above 0"),
+        (("x: 0.1", "x: 100"), r"base_frame_offset\.x is 100 m, more than 10 m; give meters"),
+        (("theta: 0.0", "theta: 45"), "theta is 45 rad, more than 6.28 rad; give radians"),
         (('"0.05"', "true"), "wheels_radius is True, must be a number"),
         (("/**:", "{"), "is not valid YAML"),
     ],
@@ -211,6 +212,33 @@ def test_a_wrong_parameter_is_named(change: tuple[str, str], words: str, tmp_pat
     path.write_text(PUBLISHED.replace(*change))
     with pytest.raises(ConfigurationError, match=words):
         read_controllers(path)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ("wheel_offset: 30", "wheel_offset is 30 rad, more than 6.28 rad; give radians"),
+        ("wheel_radius: 0.0", "wheel_radius is 0 m, not above 0"),
+    ],
+)
+def test_a_wrong_size_of_omni_wheels_is_named(change: str, words: str, tmp_path: Path) -> None:
+    path = tmp_path / "controllers.yaml"
+    given = {"wheel_radius": 0.05, "robot_radius": 0.2, "wheel_names": ["a", "b", "c"]}
+    given |= yaml.safe_load(change)
+    path.write_text(yaml.safe_dump({"base": {"ros__parameters": given}}))
+    with pytest.raises(ConfigurationError, match=words):
+        read_controllers(path)
+
+
+def test_two_sections_of_a_file_describe_one_controller(tmp_path: Path) -> None:
+    path = tmp_path / "controllers.yaml"
+    path.write_text(f"{PUBLISHED}drive: {{ros__parameters: {{reference_timeout: 0.5}}}}\n")
+    (controller,) = read_controllers(path)
+    assert controller.radius == 0.05
+    path.write_text(
+        f"{PUBLISHED}robot2/drive: {{ros__parameters: {{kinematics.wheels_radius: 1}}}}"
+    )
+    assert len(read_controllers(path)) == 2
 
 
 def test_other_nodes_are_no_drive_controllers(tmp_path: Path) -> None:

@@ -25,6 +25,7 @@ from omni_tools.vehicles.from_files import described_vehicle
 
 CONFIG = Path(__file__).parents[4] / "config"
 Write = Callable[..., Described]
+SIGNS = {"fl": (1, 1), "fr": (1, -1), "rr": (-1, -1), "rl": (-1, 1)}
 
 
 @pytest.fixture
@@ -47,8 +48,7 @@ def test_wheels_keep_their_names_and_places(described: Write) -> None:
     found = described(mecanum_urdf(), CONTROLLER)
     assert found.kind == "mecanum"
     assert found.contradictions == []
-    signs = {"fl": (1, 1), "fr": (1, -1), "rr": (-1, -1), "rl": (-1, 1)}
-    for name, (x, y) in signs.items():
+    for name, (x, y) in SIGNS.items():
         wheel = found.wheels[f"{name}_joint"]
         assert (wheel["x"], wheel["y"]) == (0.2 * x, 0.15 * y)
         assert wheel["roller_angle_deg"] == -45.0 * x * y  # X seen from above
@@ -117,6 +117,36 @@ base:
     assert found.contradictions == []
     assert ("radius" in found.wheels["a"]) == named
     assert named or any("wheels are meshes" in one for one in found.questions)
+    assert named or any("taken as omni-wheels" in one for one in found.questions)
+
+
+def test_mecanum_wheels_may_be_described_with_the_axes_of_their_rollers(described: Write) -> None:
+    axis = {corner: f"{-x * y} 1 0" for corner, (x, y) in SIGNS.items()}
+    found = described(mecanum_urdf(axis=axis))
+    assert found.kind == "omni"
+    assert any("could hardly turn the robot" in one for one in found.contradictions)
+    found = described(mecanum_urdf(axis=axis), kind="mecanum")
+    for name, wheel in described(mecanum_urdf()).wheels.items():
+        assert "heading_deg" not in found.wheels[name]
+        assert found.wheels[name]["roller_angle_deg"] == wheel["roller_angle_deg"]
+
+
+def test_directions_of_an_unknown_controller_of_omni_wheels_are_not_assumed(
+    described: Write, tmp_path: Path
+) -> None:
+    controller = """
+controller_manager: {ros__parameters: {base: {type: other_controllers/OmniController}}}
+base:
+  ros__parameters: {wheel_names: [c, b, a], gamma: 30.0, robot_radius: 0.13, wheel_radius: 0.05}
+"""
+    found = described(omni_urdf(), controller)
+    headings = {name: wheel.get("heading_deg", 0.0) for name, wheel in found.wheels.items()}
+    assert headings == {"a": -30.0, "b": 90.0, "c": -150.0}
+    assert found.contradictions == []
+    path = tmp_path / "alone.yaml"
+    path.write_text(controller)
+    with pytest.raises(ConfigurationError, match="gives no position of a single wheel"):
+        described_vehicle([str(path)])
 
 
 @pytest.mark.parametrize(
@@ -317,7 +347,7 @@ def test_any_wrong_value_is_refused_in_a_sentence(
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        (CONTROLLER.replace("0.05", "50.0"), "looks like millimeters"),
+        (CONTROLLER.replace("0.05", "50.0"), "wheel_radius is 50 m, more than 10 m; give meters"),
         (CONTROLLER.replace("0.05", "1.97"), "looks like inches"),
         (
             CONTROLLER.replace("fl_joint", "fl_joind"),
@@ -341,8 +371,8 @@ def test_a_controller_of_another_robot_is_refused(text: str, words: str, describ
 
 def test_a_controller_alone_must_be_in_meters(tmp_path: Path) -> None:
     path = tmp_path / "drive.yaml"
-    path.write_text(CONTROLLER.replace("0.05", "50.0"))
-    with pytest.raises(ConfigurationError, match=r"the radius of a wheel in drive .* is 50 m"):
+    path.write_text(CONTROLLER.replace("0.05", "5.0"))
+    with pytest.raises(ConfigurationError, match=r"the radius of a wheel in drive .* is 5 m"):
         described_vehicle([str(path)])
 
 
@@ -355,7 +385,8 @@ def test_steered_wheels_and_several_controllers_are_refused(described: Write) ->
     other = CONTROLLER.replace("0.3", "0.4").replace("drive:", "other:")
     with pytest.raises(ConfigurationError, match="several controllers drive wheels"):
         described(mecanum_urdf(), CONTROLLER, other)
-    described(mecanum_urdf(), CONTROLLER, CONTROLLER.replace("drive:", "other:"))
+    same = CONTROLLER.replace("drive:", "other:").replace(": base_link", ": base_footprint")
+    described(mecanum_urdf(), CONTROLLER, same)
 
 
 def test_only_a_camera_that_looks_down_is_a_ground_sensor(described: Write) -> None:
@@ -443,6 +474,7 @@ def test_what_is_missing_is_asked_for_and_may_be_given(tmp_path: Path) -> None:
 def test_a_controller_alone_gives_the_wheels(tmp_path: Path) -> None:
     (tmp_path / "drive.yaml").write_text(CONTROLLER)
     run(tmp_path, str(tmp_path / "drive.yaml"), mass=12.0)
+    assert "roller directions" in (tmp_path / "vehicle/vehicle.yaml").read_text()
     vehicle = ExperimentLibrary(CONFIG).load(str(tmp_path / "vehicle"), "assisted").vehicle
     assert vehicle.wheels["rl_joint"].x == -0.2
 

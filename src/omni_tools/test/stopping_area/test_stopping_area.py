@@ -30,6 +30,7 @@ from omni_tools.stopping_area.area import (
     inside,
     make_cells,
     support,
+    supports_of,
 )
 from omni_tools.stopping_area.collision_monitor import monitor_parameters, stop_campaign
 from omni_tools.stopping_area.figure import areas_figure
@@ -247,6 +248,18 @@ def test_growth_is_that_of_the_stop_that_needs_most() -> None:
     farther = Sweep(campaign.fitted + 2, " ".join(["1.0"] * 15 + ["1.6"]))
     nearer = Sweep(campaign.fitted + 2, " ".join(["1.0"] * 15 + ["1.4"]))
     assert inside(campaign, limits, [farther, nearer]).tolist() == [False, True]
+
+
+def test_the_margin_contains_the_motion_after_the_end_of_a_stop() -> None:
+    library = ExperimentLibrary(CONFIG)
+    shorter = stop_campaign(AreaOptions(), library)
+    longer = stop_campaign(AreaOptions(overrides=("simulation.settling_time=0.5",)), library)
+    ends, later = (
+        supports_of([campaign.stop(number) for number in range(8)])
+        for campaign in (shorter, longer)
+    )
+    assert np.all(later >= ends)
+    assert np.all(later <= ends + 0.001)
 
 
 def test_a_vehicle_that_does_not_stop_is_refused() -> None:

@@ -14,7 +14,8 @@ import yaml
 
 from omni_bringup.cli import main
 from omni_runs.experiment import ExperimentLibrary
-from omni_sim.tire.tire import Tire, TireConfiguration
+from omni_sim.tire.interface.configuration import TireConfiguration
+from omni_sim.tire.tire import Tire
 
 CONFIG = Path(__file__).parents[4] / "config"
 

@@ -11,7 +11,8 @@ import pytest
 from omni_core.configuration import WorkError, from_mapping
 from omni_core.quantities import FloatArray
 from omni_runs.yaml_files import read_mapping
-from omni_sim.tire.tire import Tire, TireConfiguration
+from omni_sim.tire.interface.configuration import TireConfiguration
+from omni_sim.tire.tire import Tire
 from omni_tools.tires.data import TireData, TireDataError, read_tire_data
 from omni_tools.tires.fit import fit_figure, fit_tire
 

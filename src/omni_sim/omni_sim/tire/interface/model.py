@@ -12,7 +12,6 @@ curve and preserves the slope at zero: ``F(s; mu) = mu F(s / mu; 1)``.
 """
 
 import dataclasses
-import operator
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple, Protocol
 
@@ -23,11 +22,6 @@ from numpy.typing import ArrayLike
 
 from omni_core.configuration import Configuration
 from omni_core.quantities import FloatArray
-
-LOAD_RANGE = (1.0, 1.0e7)
-"""Smallest and largest wheel load of a tire model [N]."""
-LARGEST_FORCE = 1.0e8
-"""Limit on the forces of a tire model [N]."""
 
 
 class Curve(Protocol):
@@ -102,12 +96,10 @@ class TireModel:
     """A tire model: its configuration, and its functions for kernels and fits.
 
     Attributes:
-        description: one line for help texts.
         configuration: class of the parameters; each parameter has a default.
         parameters_type: class of the constants in kernels, a NamedTuple.
         curve_type: class of the curve at one load, a NamedTuple with the fields of `Curve`.
         parameters: function that returns the constants for a configuration.
-        largest_load: function that returns the largest valid load [N] for a configuration.
         curve_at: kernel ``(constants, load [N], mu/mu_0) -> curve``.
         force_at: kernel ``(curve, slip >= 0) -> (F [N], dF/ds [N])``.
         contact: kernel with the arguments of `contact_friction`; `contact.solve_contact` is
@@ -115,7 +107,6 @@ class TireModel:
         fit: description of the fit to measurements.
     """
 
-    description: str
     configuration: type[Configuration]
     parameters_type: type
     curve_type: type
@@ -124,7 +115,6 @@ class TireModel:
     force_at: Callable[[Any, float], tuple[float, float]]
     contact: Callable[[float, float, float, float, Any, bool], tuple[float, float, bool]]
     fit: FitRecipe
-    largest_load: Callable[[Any], float] = operator.attrgetter("largest_load")
 
 
 def plain_mapping(*keys: str) -> Callable[[FloatArray, float], dict[str, Any]]:

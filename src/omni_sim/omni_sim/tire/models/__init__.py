@@ -1,4 +1,4 @@
-"""Tire models, one file each; a new model needs only a new file in this folder.
+"""Tire models, one file each; their parameters are in `tire.interface.configuration`.
 
 Each module defines ``MODEL``, a `TireModel`; the module's name is the model's name in YAML.
 """
@@ -6,7 +6,9 @@ Each module defines ``MODEL``, a `TireModel`; the module's name is the model's n
 import importlib
 import pkgutil
 from collections.abc import Mapping
+from typing import Any
 
+from omni_sim.tire.interface.configuration import TireConfiguration
 from omni_sim.tire.interface.model import TireModel, register
 
 MODELS: Mapping[str, TireModel] = {
@@ -14,3 +16,8 @@ MODELS: Mapping[str, TireModel] = {
     for name in sorted(module.name for module in pkgutil.iter_modules(__path__))
 }
 """All tire models, keyed by name."""
+
+
+def kernel_parameters(tire: TireConfiguration) -> Any:
+    """Return the constants of a tire's chosen model for kernels, a NamedTuple of the model."""
+    return MODELS[tire.model].parameters(tire.model_parameters)

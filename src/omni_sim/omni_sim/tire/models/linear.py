@@ -11,21 +11,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from omni_core.configuration import Configuration, parameter
 from omni_core.kernels import lean
 from omni_core.quantities import FloatArray
-from omni_sim.tire.interface.model import LOAD_RANGE, FitRecipe, Landmarks, TireModel, plain_mapping
-
-
-class LinearConfiguration(Configuration):
-    """Parameters of a linear tire, by default the tire of Table 1 at the first nominal load."""
-
-    largest_load: float = parameter(6000.0, unit="N", minimum=LOAD_RANGE[0], maximum=LOAD_RANGE[1])
-    """Largest permissible wheel load"""
-    stiffness: float = parameter(50000.0 / 3000.0, above=0.0, maximum=1000.0)
-    """Slope dF/ds at zero slip, divided by the wheel load"""
-    friction: float = parameter(1.0, above=0.0, maximum=10.0)
-    """Ratio of the largest force to the wheel load"""
+from omni_sim.tire.interface.configuration import LinearConfiguration
+from omni_sim.tire.interface.model import FitRecipe, Landmarks, TireModel, plain_mapping
 
 
 class LinearParameters(NamedTuple):
@@ -86,7 +75,6 @@ def _start(seen: Landmarks) -> FloatArray:
 
 
 MODEL = TireModel(
-    description="Proportional to slip and load, saturated at the friction limit",
     configuration=LinearConfiguration,
     parameters_type=LinearParameters,
     curve_type=LinearCurve,

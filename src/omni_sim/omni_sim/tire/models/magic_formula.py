@@ -21,50 +21,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from omni_core.configuration import Configuration, ConfigurationError, parameter
 from omni_core.kernels import lean
 from omni_core.quantities import FloatArray
+from omni_sim.tire.interface.configuration import (
+    CURVATURE_RANGE,
+    SHAPE_RANGE,
+    MagicFormulaConfiguration,
+)
 from omni_sim.tire.interface.contact import solve_contact
-from omni_sim.tire.interface.model import LOAD_RANGE, FitRecipe, Landmarks, TireModel, plain_mapping
-
-_SHAPE_RANGE = (1.05, 1.95)
-_CURVATURE_RANGE = (-20.0, 0.95)
-
-
-class MagicFormulaConfiguration(Configuration):
-    """Parameters of a Magic Formula tire, by default similar to the tire of Table 1."""
-
-    largest_load: float = parameter(6000.0, unit="N", minimum=LOAD_RANGE[0], maximum=LOAD_RANGE[1])
-    """Largest permissible wheel load"""
-    friction: float = parameter(1.25, above=0.0, maximum=10.0)
-    """Ratio of the largest force to the wheel load at small loads, a_2"""
-    friction_gradient: float = parameter(-0.25 / 3000.0, unit="1/N", minimum=-0.01, maximum=0.01)
-    """Increase of the ratio of largest force to wheel load per unit of load, a_1"""
-    stiffness: float = parameter(62500.0 / 3000.0, above=0.0, maximum=1000.0)
-    """Ratio of the slope dF/ds at zero slip to the wheel load at small loads, a_4"""
-    stiffness_gradient: float = parameter(
-        -12500.0 / 3000.0**2, unit="1/N", minimum=-1.0, maximum=1.0
-    )
-    """Increase of the ratio of slope to wheel load per unit of load, a_3"""
-    shape: float = parameter(1.23, minimum=_SHAPE_RANGE[0], maximum=_SHAPE_RANGE[1])
-    """Shape C; at unlimited slip, the force is its peak times sin(C 90 deg)"""
-    curvature: float = parameter(-1.3, minimum=_CURVATURE_RANGE[0], maximum=_CURVATURE_RANGE[1])
-    """Curvature E around the peak"""
-
-    def check_consistency(self) -> None:
-        """Check that forces and slopes stay positive and do not decrease with the load."""
-        for name, value, gradient in (
-            ("friction_gradient", self.friction, self.friction_gradient),
-            ("stiffness_gradient", self.stiffness, self.stiffness_gradient),
-        ):
-            if value + 2.0 * gradient * self.largest_load < 0.0:
-                raise ConfigurationError(
-                    name,
-                    f"{gradient:g} 1/N makes the tire's force decrease with the load below "
-                    f"largest_load = "
-                    f"{self.largest_load:g} N",
-                )
-
+from omni_sim.tire.interface.model import FitRecipe, Landmarks, TireModel, plain_mapping
 
 _KEYS = ("friction", "friction_gradient", "stiffness", "stiffness_gradient", "shape", "curvature")
 
@@ -214,7 +179,6 @@ def _scale(values: FloatArray, largest_load: float) -> FloatArray:
 
 
 MODEL = TireModel(
-    description="Pacejka's formula with load-dependent peak and stiffness",
     configuration=MagicFormulaConfiguration,
     parameters_type=MagicFormulaParameters,
     curve_type=MagicFormulaCurve,
@@ -224,8 +188,8 @@ MODEL = TireModel(
     contact=solve_contact,
     fit=FitRecipe(
         keys=_KEYS,
-        lower=(1e-3, -np.inf, 1e-3, -np.inf, _SHAPE_RANGE[0], _CURVATURE_RANGE[0]),
-        upper=(np.inf, np.inf, np.inf, np.inf, _SHAPE_RANGE[1], _CURVATURE_RANGE[1]),
+        lower=(1e-3, -np.inf, 1e-3, -np.inf, SHAPE_RANGE[0], CURVATURE_RANGE[0]),
+        upper=(np.inf, np.inf, np.inf, np.inf, SHAPE_RANGE[1], CURVATURE_RANGE[1]),
         loads=2,
         start=_start,
         scale=_scale,

@@ -14,171 +14,25 @@ both interpolations agree; at smaller loads the forces differ. Above the second 
 parabola has no physical meaning, so the load is limited there and the caller reports the overload.
 """
 
-import dataclasses
 import math
 from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from omni_core.configuration import Configuration, ConfigurationError, parameter, section
 from omni_core.kernels import lean
 from omni_core.quantities import FloatArray
+from omni_sim.tire.interface.configuration import FITTED, TMeasyConfiguration, curve_coefficients
 from omni_sim.tire.interface.contact import TOLERANCE, solve_contact
-from omni_sim.tire.interface.model import LARGEST_FORCE, LOAD_RANGE, FitRecipe, Landmarks, TireModel
+from omni_sim.tire.interface.model import FitRecipe, Landmarks, TireModel
 
 _MAXIMUM_ITERATIONS = 60
-
-
-class TMeasyCurve(Configuration):
-    """Force versus slip in one direction at the two nominal loads; one half of Table 1."""
-
-    slope_1: float = parameter(unit="N", above=0.0, maximum=1.0e10)
-    """Slope dF/ds at zero slip and nominal load 1"""
-    slope_2: float = parameter(unit="N", above=0.0, maximum=1.0e10)
-    """Slope dF/ds at zero slip and nominal load 2"""
-    peak_slip_1: float = parameter(above=0.0, maximum=10.0)
-    """Slip at which the force is largest, at nominal load 1"""
-    peak_slip_2: float = parameter(above=0.0, maximum=10.0)
-    """Slip at which the force is largest, at nominal load 2"""
-    peak_force_1: float = parameter(unit="N", above=0.0, maximum=LARGEST_FORCE)
-    """Largest force at nominal load 1"""
-    peak_force_2: float = parameter(unit="N", above=0.0, maximum=LARGEST_FORCE)
-    """Largest force at nominal load 2"""
-    slide_slip_1: float = parameter(above=0.0, maximum=100.0)
-    """Slip at which full sliding begins, at nominal load 1"""
-    slide_slip_2: float = parameter(above=0.0, maximum=100.0)
-    """Slip at which full sliding begins, at nominal load 2"""
-    slide_force_1: float = parameter(unit="N", above=0.0, maximum=LARGEST_FORCE)
-    """Force of full sliding at nominal load 1"""
-    slide_force_2: float = parameter(unit="N", above=0.0, maximum=LARGEST_FORCE)
-    """Force of full sliding at nominal load 2"""
-
-    def check_consistency(self) -> None:
-        """Check that sliding begins beyond the peak, with at most the force of the peak."""
-        for load, peak_slip, slide_slip, peak_force, slide_force in (
-            (1, self.peak_slip_1, self.slide_slip_1, self.peak_force_1, self.slide_force_1),
-            (2, self.peak_slip_2, self.slide_slip_2, self.peak_force_2, self.slide_force_2),
-        ):
-            if slide_slip <= peak_slip:
-                raise ConfigurationError(
-                    f"slide_slip_{load}",
-                    f"{slide_slip:g} must be above peak_slip_{load} = {peak_slip:g}",
-                )
-            if slide_force > peak_force:
-                raise ConfigurationError(
-                    f"slide_force_{load}",
-                    f"{slide_force:g} N must be at most peak_force_{load} = {peak_force:g} N",
-                )
-
-
-_FITTED = tuple(field.name for field in dataclasses.fields(TMeasyCurve))
-_TABLE_1 = {
-    "x": (5e4, 7.5e4, 0.15, 0.18, 3000.0, 4500.0, 0.4, 0.5, 2800.0, 4200.0),
-    "y": (4e4, 6e4, 0.21, 0.24, 2750.0, 4125.0, 0.6, 0.8, 2500.0, 3750.0),
-}
-
-
-def _table_1(direction: str) -> TMeasyCurve:
-    return TMeasyCurve(**dict(zip(_FITTED, _TABLE_1[direction], strict=True)))
-
-
-class TMeasyConfiguration(Configuration):
-    """Parameters of a TMeasy tire; the defaults are those of Table 1.
-
-    The single-roller omni-wheel uses the curve ``x`` along its active direction. Individual rollers
-    use the curve ``x`` along their axes and the curve ``y`` across their axes.
-    """
-
-    nominal_load_1: float = parameter(
-        3000.0, unit="N", minimum=LOAD_RANGE[0], maximum=LOAD_RANGE[1]
-    )
-    """Nominal wheel load F_z1"""
-    nominal_load_2: float = parameter(
-        6000.0, unit="N", minimum=LOAD_RANGE[0], maximum=LOAD_RANGE[1]
-    )
-    """Largest permissible wheel load F_z2"""
-    x: TMeasyCurve = section(lambda: _table_1("x"))
-    """Longitudinal curve"""
-    y: TMeasyCurve = section(lambda: _table_1("y"))
-    """Lateral curve"""
-
-    def check_consistency(self) -> None:
-        """Check that the curves are valid at every load up to the largest one.
-
-        Slopes, forces and slips must be positive. The peak must be before the sliding point and
-        must not be below the sliding force.
-
-        Raises:
-            ConfigurationError: a curve is invalid; the message names the parameter.
-        """
-        if self.nominal_load_2 <= self.nominal_load_1:
-            raise ConfigurationError(
-                "nominal_load_2",
-                f"{self.nominal_load_2:g} N must be above nominal_load_1 = "
-                f"{self.nominal_load_1:g} N",
-            )
-        for name, curve in (("x", self.x), ("y", self.y)):
-            c = curve_coefficients(curve, self.nominal_load_1, self.nominal_load_2)
-            for word, linear in (("slope", c[0]), ("peak_force", c[2]), ("slide_force", c[4])):
-                if linear <= 0.0:
-                    raise ConfigurationError(
-                        f"{name}.{word}_2",
-                        f"with this {word}_1, the parabola (3) becomes negative at small loads; "
-                        f"make {word}_2 smaller",
-                    )
-            if c[4] > c[2]:
-                raise ConfigurationError(
-                    f"{name}.slide_force_1",
-                    "the parabola (3) makes the sliding force exceed the peak at small loads",
-                )
-            if not 0.0 < c[6] < c[8]:
-                raise ConfigurationError(
-                    f"{name}.peak_slip_1",
-                    "extrapolated to zero load, the slips must be positive, and "
-                    "peak_slip must be below slide_slip",
-                )
 
 
 def direction_coefficients(tire: TMeasyConfiguration, direction: str = "x") -> FloatArray:
     """Return the `curve_coefficients` of a tire in the direction ``x`` or ``y``, shape (10,)."""
     curve = {"x": tire.x, "y": tire.y}[direction]
     return curve_coefficients(curve, tire.nominal_load_1, tire.nominal_load_2)
-
-
-def curve_coefficients(curve: TMeasyCurve, load_1: float, load_2: float) -> FloatArray:
-    """Return the load interpolation of a curve in the form that the kernels evaluate.
-
-    Eq. (3) is the parabola ``a F_z + b F_z^2`` through the two nominal points and the origin.
-
-    Args:
-        curve: nominal values.
-        load_1: first nominal load [N].
-        load_2: second nominal load [N].
-
-    Returns:
-        Ten numbers, shape (10,): ``a`` [1] and ``b`` [1/N] of the slope, of the peak force and of
-        the sliding force; value at zero load [1] and gradient [1/N] of the peak slip and of the
-        sliding slip.
-    """
-    coefficients = []
-    for value_1, value_2 in (
-        (curve.slope_1, curve.slope_2),
-        (curve.peak_force_1, curve.peak_force_2),
-        (curve.slide_force_1, curve.slide_force_2),
-    ):
-        span = load_2 - load_1
-        coefficients += [
-            (value_1 * load_2 / load_1 - value_2 * load_1 / load_2) / span,
-            (value_2 / load_2 - value_1 / load_1) / span,
-        ]
-    for slip_1, slip_2 in (
-        (curve.peak_slip_1, curve.peak_slip_2),
-        (curve.slide_slip_1, curve.slide_slip_2),
-    ):
-        gradient = (slip_2 - slip_1) / (load_2 - load_1)
-        coefficients += [slip_1 - gradient * load_1, gradient]
-    return np.array(coefficients)
 
 
 class CurvePoint(NamedTuple):
@@ -318,7 +172,7 @@ def _parameters(configuration: TMeasyConfiguration) -> TMeasyParameters:
 
 def _fitted_parameters(values: FloatArray, largest_load: float) -> TMeasyParameters:
     # This has the attributes of a TMeasyCurve but not its checks, which an unfinished fit may fail.
-    nominal: Any = SimpleNamespace(**dict(zip(_FITTED, values.tolist(), strict=True)))
+    nominal: Any = SimpleNamespace(**dict(zip(FITTED, values.tolist(), strict=True)))
     return TMeasyParameters(curve_coefficients(nominal, 0.5 * largest_load, largest_load))
 
 
@@ -328,7 +182,7 @@ def _start(seen: Landmarks) -> FloatArray:
 
 
 def _values(unknowns: FloatArray) -> FloatArray:
-    """Return the parameters of a curve for the unknowns of a fit, in the order of `_FITTED`.
+    """Return the parameters of a curve for the unknowns of a fit, in the order of `FITTED`.
 
     The unknowns are the parameters, except that slip and force of full sliding are given as ratios
     to slip and force of the peak.
@@ -340,7 +194,7 @@ def _values(unknowns: FloatArray) -> FloatArray:
 
 
 def _mapping(values: FloatArray, largest_load: float) -> dict[str, Any]:
-    curve = {key: float(value) for key, value in zip(_FITTED, values, strict=True)}
+    curve = {key: float(value) for key, value in zip(FITTED, values, strict=True)}
     return {
         "nominal_load_1": 0.5 * float(largest_load),
         "nominal_load_2": float(largest_load),
@@ -350,17 +204,15 @@ def _mapping(values: FloatArray, largest_load: float) -> dict[str, Any]:
 
 
 MODEL = TireModel(
-    description="Rill's TMeasy with the parameters of Table 1",
     configuration=TMeasyConfiguration,
     parameters_type=TMeasyParameters,
     curve_type=CurvePoint,
     parameters=_parameters,
-    largest_load=lambda configuration: configuration.nominal_load_2,
     curve_at=curve_at,
     force_at=force_at,
     contact=contact,
     fit=FitRecipe(
-        keys=tuple(f"x.{key}" for key in _FITTED),
+        keys=tuple(f"x.{key}" for key in FITTED),
         lower=(1e-9,) * 6 + (1.01,) * 2 + (0.05,) * 2,
         upper=(np.inf,) * 8 + (1.0,) * 2,
         loads=2,

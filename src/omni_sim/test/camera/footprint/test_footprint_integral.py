@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from omni_sim.camera.footprint.integral import integrate_lines
 from omni_sim.camera.footprint.padding import PaddedTexture
-from omni_sim.texture.texture import GroundTexture, TextureConfiguration, generate_texture
+from omni_sim.texture.configuration import TextureConfiguration
+from omni_sim.texture.texture import GroundTexture, generate_texture
 
 SIZE = 0.05
 TEXELS = 1024

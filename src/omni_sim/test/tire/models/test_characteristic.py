@@ -9,8 +9,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from omni_sim.tire.models.tmeasy import TMeasyConfiguration, curve_of
-from omni_sim.tire.tire import Tire, TireConfiguration
+from omni_sim.tire.interface.configuration import TireConfiguration, TMeasyConfiguration
+from omni_sim.tire.models.tmeasy import curve_of
+from omni_sim.tire.tire import Tire
 
 TABLE = TMeasyConfiguration()
 TIRE = Tire(TireConfiguration(tmeasy=TABLE))

@@ -9,8 +9,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from omni_core.configuration import ConfigurationError, from_mapping, to_mapping
-from omni_sim.tire.models.tmeasy import TMeasyConfiguration, curve_of
-from omni_sim.tire.tire import Tire, TireConfiguration
+from omni_sim.tire.interface.configuration import TireConfiguration, TMeasyConfiguration
+from omni_sim.tire.models.tmeasy import curve_of
+from omni_sim.tire.tire import Tire
 
 TABLE_1 = TMeasyConfiguration()
 TIRE = Tire(TireConfiguration(tmeasy=TABLE_1))

@@ -1,0 +1,116 @@
+"""Numbers of two rows of rollers (Figure 2) and of a motor (Appendix A), next to closed forms."""
+
+import dataclasses
+import math
+
+import numpy as np
+
+from omni_core.geometry import PlatformGeometry, cross
+from omni_core.quantities import GRAVITY, FloatArray
+from omni_runs.metrics import Metric
+from omni_sim.vehicle.configuration import VehicleConfiguration
+from omni_sim.vehicle.placing import rolling_radius
+from omni_sim.vehicle.vehicle import Vehicle
+from omni_studies.wheels.kinds import stopped
+from omni_studies.wheels.trials import ROLLERS, with_wheels
+
+_APART = 0.04  # distance between the rows [m]
+_SMALL = 0.04  # radius of the small rollers [m]; that of the others is 0.045 m
+_ROLLERS = 12  # number of rollers per wheel
+_RESISTANCE = 0.1  # resistance to the rolling vehicle, as a multiple of its weight [1]
+# A motor that accelerates the vehicle at 1 m/s^2 from rest, and idles at 3 m/s.
+_STALL, _IDLING = 65.0, 15.0  # [N m], [rad/s]
+_LONG = 20.0  # six time constants of the acceleration to the idling speed [s]
+_CURRENT_TIME = 0.05  # time constant of the current loop [s]
+
+
+def metrics(mecanum: VehicleConfiguration, omni: VehicleConfiguration) -> dict[str, Metric]:
+    """Return the numbers of two rows on two vehicles, and of a motor on the first of them.
+
+    Args:
+        mecanum: vehicle on Mecanum wheels.
+        omni: vehicle on omni-wheels.
+    """
+    found = _stops(mecanum) | _motor(mecanum)
+    lever = row_levers(_with_rollers(omni, rows_apart=_APART))
+    return found | {
+        "row_lever.largest": Metric(1e3 * float(np.max(np.abs(lever))), "mm"),
+        "row_lever.mean": Metric(1e3 * abs(float(np.mean(lever))), "mm"),
+    }
+
+
+def _with_rollers(
+    vehicle: VehicleConfiguration, rows_apart: float = 0.0, small_radius: float = 0.0
+) -> VehicleConfiguration:
+    vehicle = with_wheels(vehicle, ROLLERS, _ROLLERS)
+    rollers = dataclasses.replace(vehicle.rollers, rows_apart=rows_apart, small_radius=small_radius)
+    return dataclasses.replace(vehicle, rollers=rollers)
+
+
+def row_levers(vehicle: VehicleConfiguration) -> FloatArray:
+    """Return the lever of a rolling wheel's force about its center in each step of a turn [m]."""
+    geometry, command = PlatformGeometry.from_wheels(vehicle.wheels), np.array([1.0, 0.0, 0.0])
+    machine, all_on = Vehicle(vehicle, twist=command), np.ones(len(vehicle.wheels))
+    machine.push((-_RESISTANCE * machine.masses.mass * GRAVITY, 0.0))
+    machine.advance(2000, 0.0, all_on, command, traced=False)
+    arm, levers = geometry.position[0] - machine.masses.center, []
+    start = machine.wheels["angle"][0]
+    while abs(machine.wheels["angle"][0] - start) < math.tau:
+        machine.advance(1, 0.0, all_on, command, traced=False)
+        rollers = machine.state.rollers
+        x, y, moment = rollers.push[0, :3] if rollers is not None else (math.nan,) * 3
+        force = np.array([x, y])
+        levers.append((moment - cross(arm, force)) / (geometry.rolling[0] @ force))
+    return np.array(levers, np.float64)
+
+
+def _stops(vehicle: VehicleConfiguration) -> dict[str, Metric]:
+    """Return rotation and distance of unassisted stops with the rollers of Figure 2."""
+    found: dict[str, Metric] = {}
+    for case, apart, small in (
+        ("one_row", 0.0, 0.0),
+        ("two_rows", _APART, 0.0),
+        ("two_sizes", 0.0, _SMALL),
+    ):
+        # The wheels begin on their odd rollers, and lock after a fraction of a turn.
+        path = stopped(_with_rollers(vehicle, apart, small), wheel_angle=math.tau / _ROLLERS).path
+        moved = path[-1] - path[0]
+        found[f"rows_rotation.{case}"] = Metric(abs(math.degrees(moved[2])), "deg")
+        found[f"rows_distance.{case}"] = Metric(float(np.hypot(*moved[:2])), "m")
+    return found
+
+
+def _motor(vehicle: VehicleConfiguration) -> dict[str, Metric]:
+    """Return how the speed at the largest voltage and the torque of a current loop follow theory.
+
+    Each wheel of the empty vehicle accelerates its share of the mass, ``J = m r^2 / N + I``. The
+    back EMF gives ``J w' = T_0 (1 - w / w_0)``, and the current loop ``lag T' = T_0 - T``.
+    """
+    empty = dataclasses.replace(vehicle, load=dataclasses.replace(vehicle.load, mass=0.0))
+    voltage = dataclasses.replace(vehicle.drive, stall_torque=_STALL, no_load_speed=_IDLING)
+    current = dataclasses.replace(vehicle.drive, max_torque=_STALL, current_time=_CURRENT_TIME)
+    speed, _ = _driven(dataclasses.replace(empty, drive=voltage), _LONG)
+    _, torque = _driven(dataclasses.replace(empty, drive=current), 5.0 * _CURRENT_TIME)
+    machine = Vehicle(empty)
+    radius = float(np.mean(rolling_radius(machine.state)))
+    inertia = empty.masses.mass * radius**2 / len(empty.wheels) + empty.wheel_inertia
+    time = machine.physics_step * np.arange(1, len(speed) + 1)
+    expected = -_IDLING * np.expm1(-time * _STALL / (inertia * _IDLING))
+    followed = -_STALL * np.expm1(-time[: len(torque)] / _CURRENT_TIME)
+    return {
+        f"motor_error.{case}": Metric(float(np.max(np.abs(error))), "1")
+        for case, error in {
+            "back_emf": (speed - expected) / _IDLING,
+            "current_loop": (torque - followed) / _STALL,
+        }.items()
+    }
+
+
+def _driven(vehicle: VehicleConfiguration, duration: float) -> tuple[FloatArray, FloatArray]:
+    """Return the mean speed [rad/s] and torque [N m] of the wheels when driven ahead from rest."""
+    machine, rows = Vehicle(vehicle), []
+    for _ in range(round(duration / machine.physics_step)):
+        machine.advance(1, 0.0, np.ones(len(vehicle.wheels)), np.array([10.0, 0.0, 0.0]))
+        rows.append((np.mean(machine.wheels["speed"]), np.mean(machine.wheels["motor"])))
+    speed, torque = np.array(rows).T
+    return speed, torque
