@@ -15,11 +15,11 @@ import numpy as np
 from linescan_odometry.configuration import OdometryConfiguration
 from linescan_odometry.joint.estimator import JointEstimator
 from linescan_odometry.joint.spectra import FixedPattern
+from linescan_odometry.keyframe import Keyframe
 from linescan_odometry.measurements import Displacement, SensorReading, Unmeasured
 from linescan_odometry.pair_method import PairsMethod
 from linescan_odometry.plausibility import Plausibility
 from linescan_odometry.references import References
-from linescan_odometry.unsuitable_views import Keyframe
 from omni_core.background import in_background
 from omni_core.sensors import LineSensor
 from omni_core.signals import LineBatch, Lines

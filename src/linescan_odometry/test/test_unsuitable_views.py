@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d, uniform_filter1d
 
 from linescan_odometry.configuration import OdometryConfiguration
+from linescan_odometry.keyframe import Keyframe
 from linescan_odometry.measurements import SensorReading
 from linescan_odometry.sensor import SensorOdometry
-from linescan_odometry.unsuitable_views import Keyframe, UnsuitableViews
+from linescan_odometry.unsuitable_views import UnsuitableViews
 from omni_core.sensors import LineSensor
 from omni_core.signals import LineBatch
 

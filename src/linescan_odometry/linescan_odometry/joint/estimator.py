@@ -7,8 +7,8 @@ import numpy as np
 
 from linescan_odometry.joint import candidates, spectra, static
 from linescan_odometry.joint.details import limited, spread
-from linescan_odometry.joint.fit import assess, scatter, unequal_pixels
-from linescan_odometry.joint.likelihood import Expansion, expand, observe, window, without
+from linescan_odometry.joint.likelihood import window
+from linescan_odometry.joint.maximum import FEWEST, Camera, Solution, View, moving, slow
 from linescan_odometry.matching.transforms import transform_size
 from linescan_odometry.measurements import WIDEST, Displacement, Unmeasured
 from linescan_odometry.plausibility import Plausibility
@@ -18,14 +18,7 @@ from omni_core.signals import Lines
 
 _ACCELERATION = 15.0  # m/s^2, standard deviation; a hard stop on a dry road reaches 10
 _MEMORY = 0.5  # s; time constant with which older batches lose weight in the pattern
-# Smallest number of independent features: a bar of shadow moves with two edges, each of which is
-# up to three of the 24 segments of a line long.
-_FEWEST = 6.0
 _TWO_MOTIONS = 0.25  # px; limit on `Fit.difference`; a larger difference indicates two motions
-# Gradient energy over noise. Below it, an oblique texture such as wood is not noticed by its
-# persistence. The slope of joints and grain is then unknown.
-_LEAST_CONTRAST = 0.1
-_SLOPE = 0.3  # standard deviation of this slope [1], from floors of bricks, tiles and slabs
 _AGREE = 4.0  # standard deviations up to which two successive displacements agree
 _SHIFTED = 3 * candidates.APART  # px within a batch; beyond it, ground and pattern can be separated
 _DARKEST = 0.1  # gray level that is added before the logarithm, relative to the mean gray level
@@ -43,7 +36,7 @@ class Estimate(NamedTuple):
         coherence: coherence between neighboring lines [1]; 0 if the displacement was rejected
             before the fit.
         moves: whether the displacement is a motion and not rest.
-        slope: the attribute `slope` of `_Solution` [1].
+        slope: the attribute `slope` of `Solution` [1].
         few: whether the displacement is based on so few features that another batch must confirm
             it.
         pattern: fixed pattern after this batch.
@@ -57,75 +50,6 @@ class Estimate(NamedTuple):
     moves: bool
     slope: float
     few: bool
-    pattern: spectra.FixedPattern
-
-
-class _Camera(NamedTuple):
-    """Constants of a camera.
-
-    Attributes:
-        taper: factor by which each pixel is multiplied before the transform, shape (n,).
-        weight: weight of each frequency in the search for candidates, shape (F,).
-        stated: precision of the prior of the fixed pattern, from the configured `non_uniformity`.
-        change: prior standard deviation of the change of the displacement from line to line [px].
-        fading: share of their weight that older batches lose in the pattern, per line [1].
-        widest: largest variance of a valid displacement per line [px^2].
-    """
-
-    taper: spectra.Floats
-    weight: spectra.Floats
-    stated: float
-    change: float
-    fading: float
-    widest: float
-
-
-class _View(NamedTuple):
-    """A batch of lines in the frequency domain, with the candidates for its displacement.
-
-    Attributes:
-        recorded: gray levels, shape (m, n).
-        logs: logarithm of the gray levels after the interpolation of defective pixels, shape
-            (m, n).
-        spectra: spectra of `logs`, shape (m, F).
-        found: candidates for the displacement per line [px], shape (c,).
-        usual: correlations after subtraction of the fixed pattern known before this batch.
-        details: limited details of the lines, shape (m, n).
-        remainder: correlations of `details`, or `usual` if the batch has few lines.
-    """
-
-    recorded: Lines
-    logs: spectra.Floats
-    spectra: spectra.Spectrum
-    found: spectra.Doubles
-    usual: candidates.Correlation
-    details: spectra.Floats
-    remainder: candidates.Correlation
-
-
-class _Solution(NamedTuple):
-    """Displacement at a maximum of the likelihood.
-
-    Attributes:
-        motion: displacement per line in the middle of the batch [px] and its change from line to
-            line [px], shape (2,).
-        variance: variance of the displacement [px^2]; infinite without a maximum.
-        features: effective number of independent features that move with the displacement.
-        coherence: coherence between neighboring lines, weighted by power [1].
-        slope: standard deviation of the unknown slope of the texture against the direction across
-            the axis [1]; 0 if the texture is so clear that an oblique one would be noticed.
-        difference: the attribute `difference` of `Fit` [px].
-        rest: logarithm of the gray levels, minus the fixed pattern, shape (m, n).
-        pattern: pattern estimated from this batch alone, if it can be separated.
-    """
-
-    motion: spectra.Doubles
-    variance: float
-    features: float
-    coherence: float
-    slope: float
-    difference: float
-    rest: spectra.Floats
     pattern: spectra.FixedPattern
 
 
@@ -162,7 +86,7 @@ class JointEstimator:
         change = _ACCELERATION / (sensor.line_rate**2 * sensor.pixel_pitch)
         fading = 1.0 / (sensor.line_rate * _MEMORY)
         widest = (WIDEST / (sensor.line_rate * sensor.pixel_pitch)) ** 2
-        self._camera = _Camera(taper, weight, stated, change, fading, widest)
+        self._camera = Camera(taper, weight, stated, change, fading, widest)
         unknown = spectra.FixedPattern(np.zeros(bins, np.complex64), np.zeros(bins))
         self.pattern = unknown if pattern is None else pattern
         self.reset()
@@ -229,7 +153,7 @@ class JointEstimator:
 def _estimate(
     lines: Lines,
     logs: spectra.Floats,
-    camera: _Camera,
+    camera: Camera,
     pattern: spectra.FixedPattern,
     layout: candidates.Layout,
     last: float,
@@ -251,15 +175,15 @@ def _estimate(
     remainder = candidates.correlate(changing, np.zeros_like(known))
     found = candidates.find((usual, remainder), layout, camera.weight, last)
     several = layout.lines >= spectra.FEWEST_LINES
-    view = _View(lines, logs, transformed, found, usual, details, remainder if several else usual)
+    view = View(lines, logs, transformed, found, usual, details, remainder if several else usual)
     d, moves, flaw = _choose(view, camera, layout)
-    best = _Solution(np.array([d, 0.0]), math.inf, 0.0, 0.0, 0.0, 0.0, logs, pattern)
+    best = Solution(np.array([d, 0.0]), math.inf, 0.0, 0.0, 0.0, 0.0, logs, pattern)
     if not flaw and (not (moves and several) or abs(d) * (layout.lines - 1) < _SHIFTED):
-        best = _slow(view, camera, pattern, layout, (d, known))
+        best = slow(view, camera, pattern, layout, (d, known))
     parted = False
     if not flaw and moves and several:
         mean = transformed.sum(axis=0) / np.float32(layout.lines)
-        other = _moving(view, camera, pattern, layout, (d, mean))
+        other = moving(view, camera, pattern, layout, (d, mean))
         parted = other.variance < best.variance
         best = other if parted else best
     if not flaw:
@@ -272,14 +196,14 @@ def _estimate(
             pattern.information * kept + best.pattern.information,
             pattern.precision * kept + best.pattern.precision,
         )
-    few = best.features < _FEWEST
+    few = best.features < FEWEST
     return Estimate(
         value, best.variance, flaw, best.rest, best.coherence, moves, best.slope, few, pattern
     )
 
 
 @kernel
-def _choose(view: _View, camera: _Camera, layout: candidates.Layout) -> tuple[float, bool, str]:
+def _choose(view: View, camera: Camera, layout: candidates.Layout) -> tuple[float, bool, str]:
     """Return the candidate for the displacement that explains the lines best.
 
     At rest, the lines minus the mean of all lines are white noise. The vehicle therefore counts as
@@ -320,131 +244,7 @@ def _choose(view: _View, camera: _Camera, layout: candidates.Layout) -> tuple[fl
 
 
 @kernel
-def _slow(
-    view: _View,
-    camera: _Camera,
-    pattern: spectra.FixedPattern,
-    layout: candidates.Layout,
-    start: tuple[float, spectra.Spectrum],
-) -> _Solution:
-    """Return the displacement near a candidate, from lines that still contain an unknown pattern.
-
-    Over a short distance, and with few lines, ground and pattern cannot be separated. An unknown
-    pattern reduces the displacement. The variance therefore includes the displacement that the
-    lines would show if only the explained share of the slow changes, and only the share of the mean
-    line that does not look like dirt, were ground.
-
-    Args:
-        view: the batch.
-        camera: constants of the camera.
-        pattern: fixed pattern before this batch.
-        layout: sizes of the batch.
-        start: displacement per line of the candidate [px], and the pattern that is subtracted.
-    """
-    gains = max(unequal_pixels(view.logs) * (camera.taper**2).sum(), 1.0 / camera.stated)
-    prior = 1.0 / (pattern.precision + 1.0 / max(gains, 1e-12))
-    motion, rest, batch, here = _maximize(view, camera, pattern, layout, start, prior)
-    if not np.isfinite(motion).all():
-        return _Solution(motion, math.inf, 0.0, 0.0, 0.0, 0.0, rest, batch)
-    fit = assess(rest, here)
-    # At rest all lines are equal, so few features suffice.
-    variance = fit.variance if math.isfinite(fit.variance) else fit.white
-    share = 1.0
-    if layout.lines >= spectra.FEWEST_LINES:
-        share = static.explained(view.spectra - start[1], motion, layout)
-        share *= static.ground_share(rest, pattern, camera.taper, layout)
-    if share <= 0.0:
-        return _Solution(motion, math.inf, 0.0, 0.0, 0.0, 0.0, rest, batch)
-    variance += ((abs(motion[0]) + math.sqrt(variance)) * (1.0 / share - 1.0)) ** 2
-    return _Solution(motion, variance, fit.features, fit.coherence, 0.0, 0.0, rest, batch)
-
-
-@kernel
-def _moving(
-    view: _View,
-    camera: _Camera,
-    pattern: spectra.FixedPattern,
-    layout: candidates.Layout,
-    start: tuple[float, spectra.Spectrum],
-) -> _Solution:
-    """Return the displacement near a candidate, and the pattern, which are estimated together.
-
-    Args:
-        view: the batch.
-        camera: constants of the camera.
-        pattern: fixed pattern before this batch.
-        layout: sizes of the batch.
-        start: displacement per line of the candidate [px], and the pattern that is subtracted
-            first.
-    """
-    none = np.zeros(len(pattern.precision))
-    motion, rest, batch, here = _maximize(view, camera, pattern, layout, start, none)
-    if not np.isfinite(motion).all():
-        return _Solution(motion, math.inf, 0.0, 0.0, 0.0, 0.0, rest, batch)
-    fit = assess(rest, here)
-    rivals = scatter(view.remainder, layout, motion[0], (candidates.LIKELY, candidates.RATIO))
-    clear = fit.contrast >= _LEAST_CONTRAST and fit.features >= _FEWEST
-    slope = 0.0 if clear else _SLOPE
-    return _Solution(
-        motion,
-        fit.variance + rivals,
-        fit.features,
-        fit.coherence,
-        slope,
-        fit.difference,
-        rest,
-        batch,
-    )
-
-
-@kernel
-def _maximize(
-    view: _View,
-    camera: _Camera,
-    learned: spectra.FixedPattern,
-    layout: candidates.Layout,
-    start: tuple[float, spectra.Spectrum],
-    fixed: spectra.Doubles,
-) -> tuple[spectra.Doubles, spectra.Floats, spectra.FixedPattern, Expansion]:
-    """Return the maximum of the likelihood near a candidate, found by Newton's method.
-
-    Args:
-        view: the batch.
-        camera: constants of the camera.
-        learned: fixed pattern before this batch.
-        layout: sizes of the batch.
-        start: displacement per line of the candidate [px], and the pattern that is removed first.
-        fixed: variance of the pattern, shape (F,). If it is 0, ground and pattern can be separated,
-            and the pattern is estimated anew in each step; otherwise the first pattern is kept.
-
-    Returns:
-        Displacement per line in the middle of the batch [px] and its change from line to line [px],
-        shape (2,), not finite if there is no maximum; logarithm of the gray levels, minus the fixed
-        pattern, shape (m, n); pattern estimated from this batch alone, if it can be separated; and
-        the expansion of the log-likelihood at the start of the last step.
-    """
-    motion, kappa = np.array([start[0], 0.0]), np.arange(layout.lines) - 0.5 * (layout.lines - 1)
-    pattern, batch, parted = start[1], learned, not fixed.any()
-    # Steps are limited to 1 px, so they do not lead to another peak.
-    for number in range(candidates.APART):
-        if parted:
-            paths = motion[0] * kappa + motion[1] * 0.5 * kappa**2
-            batch = observe(view.spectra, pattern, paths, layout.size)
-            together = learned.information + batch.information
-            pattern = spectra.shrink(together, learned.precision + batch.precision)
-        rest = without(view.logs, pattern, camera.taper, layout.size)
-        here = expand(rest, fixed, motion, layout.limit, camera.change)
-        motion = motion + here.step
-        # The first pattern is estimated at the candidate, so at least two steps are needed. After a
-        # step of less than one standard deviation, a further step would change little.
-        small = number > 0 and here.step[0] ** 2 < here.inverse[0, 0]
-        if small or not np.isfinite(motion).all():
-            break
-    return motion, rest, batch, here
-
-
-@kernel
-def _flaw(best: _Solution, moves: bool, view: _View, camera: _Camera) -> str:
+def _flaw(best: Solution, moves: bool, view: View, camera: Camera) -> str:
     """Return the reason why a displacement is invalid; empty if it is valid.
 
     Args:
@@ -464,4 +264,4 @@ def _flaw(best: _Solution, moves: bool, view: _View, camera: _Camera) -> str:
         return ""
     several = len(view.logs) >= spectra.FEWEST_LINES
     features = spread(view.details, best.motion) if several else best.features
-    return "dominated by few features" if features < _FEWEST else ""
+    return "dominated by few features" if features < FEWEST else ""

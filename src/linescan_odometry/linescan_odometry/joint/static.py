@@ -15,18 +15,8 @@ from typing import Any
 
 import numpy as np
 
-from linescan_odometry.joint import spectra
-from linescan_odometry.joint.candidates import (
-    COMPARED,
-    SPACINGS,
-    Correlation,
-    Layout,
-    bands,
-    coherent,
-    phases,
-    ratio,
-    spacings,
-)
+from linescan_odometry.joint import candidates, spectra
+from linescan_odometry.joint.candidates import COMPARED, Correlation, Layout
 from linescan_odometry.joint.spectra import Doubles, Floats, Spectrum
 from omni_core.kernels import kernel, linked
 from omni_core.signals import Lines
@@ -52,13 +42,13 @@ def turning(rest: Correlation, layout: Layout) -> float:
     """
     largest, count = 0.0, int(COMPARED * layout.size)
     power = rest.power[:count] ** 2
-    for which in range(SPACINGS):
+    for which in range(candidates.SPACINGS):
         # For noise alone, the squared coherence of N pairs is 1 / N on average.
-        noise = np.float32(1.0 / max(layout.lines - spacings(layout.lines)[which], 2))
+        noise = np.float32(1.0 / max(layout.lines - candidates.spacings(layout.lines)[which], 2))
         square = np.abs(rest.lagged[which, :count]) ** 2 - noise * power
         gain = np.sqrt(np.maximum(square / (1.0 - noise), 0.0)).astype(np.float32)
-        free = ratio(rest, layout, gain, 1.0, which)
-        largest = max(largest, free - coherent(rest, layout, 0.0, which))
+        free = candidates.ratio(rest, layout, gain, 1.0, which)
+        largest = max(largest, free - candidates.coherent(rest, layout, 0.0, which))
     return largest
 
 
@@ -93,7 +83,7 @@ def colored(lines: Lines, taper: Floats, layout: Layout, slowly: bool) -> float:
         changes, number = levels[1:] - levels[:-1], (layout.lines - 1) / 1.5
     transformed = np.abs(spectra.spectra_of(changes, taper, layout.size)) ** 2
     number *= (taper**2).sum() / layout.size
-    edges, total, logarithm = bands(layout.size), 0.0, 0.0
+    edges, total, logarithm = candidates.bands(layout.size), 0.0, 0.0
     for b in range(len(edges) - 1):
         i, j = edges[b], edges[b + 1]
         power = max(transformed[:, i:j].sum(), 1e-9)
@@ -138,7 +128,7 @@ def explained(lines: Spectrum, motion: Doubles, layout: Layout) -> float:
     """
     m, use = layout.lines, int(COMPARED * layout.size)
     kappa = np.arange(m) - 0.5 * (m - 1)
-    turn = phases(motion[0] * kappa + 0.5 * motion[1] * kappa**2, layout.size, use)
+    turn = candidates.phases(motion[0] * kappa + 0.5 * motion[1] * kappa**2, layout.size, use)
     seen = np.ascontiguousarray(lines[:, :use])
     seen[:, 0] = 0.0
     slow = min(_SLOW, m - 1)

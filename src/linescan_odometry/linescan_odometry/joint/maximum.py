@@ -1,0 +1,217 @@
+"""Displacement at a maximum of the likelihood, with a known or with an estimated fixed pattern."""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from linescan_odometry.joint import candidates, spectra, static
+from linescan_odometry.joint.fit import assess, scatter, unequal_pixels
+from linescan_odometry.joint.likelihood import Expansion, expand, observe, without
+from omni_core.kernels import kernel
+from omni_core.signals import Lines
+
+FEWEST = 6.0
+"""Smallest number of independent features of a displacement that needs no confirmation.
+
+A bar of shadow moves with two edges, each of which is up to three of the 24 segments of a line
+long.
+"""
+
+# Gradient energy over noise. Below it, an oblique texture such as wood is not noticed by its
+# persistence. The slope of joints and grain is then unknown.
+_LEAST_CONTRAST = 0.1
+_SLOPE = 0.3  # standard deviation of this slope [1], from floors of bricks, tiles and slabs
+
+
+class Camera(NamedTuple):
+    """Constants of a camera.
+
+    Attributes:
+        taper: factor by which each pixel is multiplied before the transform, shape (n,).
+        weight: weight of each frequency in the search for candidates, shape (F,).
+        stated: precision of the prior of the fixed pattern, from the configured `non_uniformity`.
+        change: prior standard deviation of the change of the displacement from line to line [px].
+        fading: share of their weight that older batches lose in the pattern, per line [1].
+        widest: largest variance of a valid displacement per line [px^2].
+    """
+
+    taper: spectra.Floats
+    weight: spectra.Floats
+    stated: float
+    change: float
+    fading: float
+    widest: float
+
+
+class View(NamedTuple):
+    """A batch of lines in the frequency domain, with the candidates for its displacement.
+
+    Attributes:
+        recorded: gray levels, shape (m, n).
+        logs: logarithm of the gray levels after the interpolation of defective pixels, shape
+            (m, n).
+        spectra: spectra of `logs`, shape (m, F).
+        found: candidates for the displacement per line [px], shape (c,).
+        usual: correlations after subtraction of the fixed pattern known before this batch.
+        details: limited details of the lines, shape (m, n).
+        remainder: correlations of `details`, or `usual` if the batch has few lines.
+    """
+
+    recorded: Lines
+    logs: spectra.Floats
+    spectra: spectra.Spectrum
+    found: spectra.Doubles
+    usual: candidates.Correlation
+    details: spectra.Floats
+    remainder: candidates.Correlation
+
+
+class Solution(NamedTuple):
+    """Displacement at a maximum of the likelihood.
+
+    Attributes:
+        motion: displacement per line in the middle of the batch [px] and its change from line to
+            line [px], shape (2,).
+        variance: variance of the displacement [px^2]; infinite without a maximum.
+        features: effective number of independent features that move with the displacement.
+        coherence: coherence between neighboring lines, weighted by power [1].
+        slope: standard deviation of the unknown slope of the texture against the direction across
+            the axis [1]; 0 if the texture is so clear that an oblique one would be noticed.
+        difference: the attribute `difference` of `Fit` [px].
+        rest: logarithm of the gray levels, minus the fixed pattern, shape (m, n).
+        pattern: pattern estimated from this batch alone, if it can be separated.
+    """
+
+    motion: spectra.Doubles
+    variance: float
+    features: float
+    coherence: float
+    slope: float
+    difference: float
+    rest: spectra.Floats
+    pattern: spectra.FixedPattern
+
+
+@kernel
+def slow(
+    view: View,
+    camera: Camera,
+    pattern: spectra.FixedPattern,
+    layout: candidates.Layout,
+    start: tuple[float, spectra.Spectrum],
+) -> Solution:
+    """Return the displacement near a candidate, from lines that still contain an unknown pattern.
+
+    Over a short distance, and with few lines, ground and pattern cannot be separated. An unknown
+    pattern reduces the displacement. The variance therefore includes the displacement that the
+    lines would show if only the explained share of the slow changes, and only the share of the mean
+    line that does not look like dirt, were ground.
+
+    Args:
+        view: the batch.
+        camera: constants of the camera.
+        pattern: fixed pattern before this batch.
+        layout: sizes of the batch.
+        start: displacement per line of the candidate [px], and the pattern that is subtracted.
+    """
+    gains = max(unequal_pixels(view.logs) * (camera.taper**2).sum(), 1.0 / camera.stated)
+    prior = 1.0 / (pattern.precision + 1.0 / max(gains, 1e-12))
+    motion, rest, batch, here = _maximize(view, camera, pattern, layout, start, prior)
+    if not np.isfinite(motion).all():
+        return Solution(motion, math.inf, 0.0, 0.0, 0.0, 0.0, rest, batch)
+    fit = assess(rest, here)
+    # At rest all lines are equal, so few features suffice.
+    variance = fit.variance if math.isfinite(fit.variance) else fit.white
+    share = 1.0
+    if layout.lines >= spectra.FEWEST_LINES:
+        share = static.explained(view.spectra - start[1], motion, layout)
+        share *= static.ground_share(rest, pattern, camera.taper, layout)
+    if share <= 0.0:
+        return Solution(motion, math.inf, 0.0, 0.0, 0.0, 0.0, rest, batch)
+    variance += ((abs(motion[0]) + math.sqrt(variance)) * (1.0 / share - 1.0)) ** 2
+    return Solution(motion, variance, fit.features, fit.coherence, 0.0, 0.0, rest, batch)
+
+
+@kernel
+def moving(
+    view: View,
+    camera: Camera,
+    pattern: spectra.FixedPattern,
+    layout: candidates.Layout,
+    start: tuple[float, spectra.Spectrum],
+) -> Solution:
+    """Return the displacement near a candidate, and the pattern, which are estimated together.
+
+    Args:
+        view: the batch.
+        camera: constants of the camera.
+        pattern: fixed pattern before this batch.
+        layout: sizes of the batch.
+        start: displacement per line of the candidate [px], and the pattern that is subtracted
+            first.
+    """
+    none = np.zeros(len(pattern.precision))
+    motion, rest, batch, here = _maximize(view, camera, pattern, layout, start, none)
+    if not np.isfinite(motion).all():
+        return Solution(motion, math.inf, 0.0, 0.0, 0.0, 0.0, rest, batch)
+    fit = assess(rest, here)
+    rivals = scatter(view.remainder, layout, motion[0], (candidates.LIKELY, candidates.RATIO))
+    clear = fit.contrast >= _LEAST_CONTRAST and fit.features >= FEWEST
+    slope = 0.0 if clear else _SLOPE
+    return Solution(
+        motion,
+        fit.variance + rivals,
+        fit.features,
+        fit.coherence,
+        slope,
+        fit.difference,
+        rest,
+        batch,
+    )
+
+
+@kernel
+def _maximize(
+    view: View,
+    camera: Camera,
+    learned: spectra.FixedPattern,
+    layout: candidates.Layout,
+    start: tuple[float, spectra.Spectrum],
+    fixed: spectra.Doubles,
+) -> tuple[spectra.Doubles, spectra.Floats, spectra.FixedPattern, Expansion]:
+    """Return the maximum of the likelihood near a candidate, found by Newton's method.
+
+    Args:
+        view: the batch.
+        camera: constants of the camera.
+        learned: fixed pattern before this batch.
+        layout: sizes of the batch.
+        start: displacement per line of the candidate [px], and the pattern that is removed first.
+        fixed: variance of the pattern, shape (F,). If it is 0, ground and pattern can be separated,
+            and the pattern is estimated anew in each step; otherwise the first pattern is kept.
+
+    Returns:
+        Displacement per line in the middle of the batch [px] and its change from line to line [px],
+        shape (2,), not finite if there is no maximum; logarithm of the gray levels, minus the fixed
+        pattern, shape (m, n); pattern estimated from this batch alone, if it can be separated; and
+        the expansion of the log-likelihood at the start of the last step.
+    """
+    motion, kappa = np.array([start[0], 0.0]), np.arange(layout.lines) - 0.5 * (layout.lines - 1)
+    pattern, batch, parted = start[1], learned, not fixed.any()
+    # Steps are limited to 1 px, so they do not lead to another peak.
+    for number in range(candidates.APART):
+        if parted:
+            paths = motion[0] * kappa + motion[1] * 0.5 * kappa**2
+            batch = observe(view.spectra, pattern, paths, layout.size)
+            together = learned.information + batch.information
+            pattern = spectra.shrink(together, learned.precision + batch.precision)
+        rest = without(view.logs, pattern, camera.taper, layout.size)
+        here = expand(rest, fixed, motion, layout.limit, camera.change)
+        motion = motion + here.step
+        # The first pattern is estimated at the candidate, so at least two steps are needed. After a
+        # step of less than one standard deviation, a further step would change little.
+        small = number > 0 and here.step[0] ** 2 < here.inverse[0, 0]
+        if small or not np.isfinite(motion).all():
+            break
+    return motion, rest, batch, here
