@@ -14,9 +14,6 @@ from omni_core.signals import Lines
 UNMEASURED_VARIANCE = 1e6
 """Variance that marks a velocity as unmeasured, (1 km/s)^2 [m^2/s^2]."""
 
-WIDEST = 0.5
-"""Limit on the standard deviation of a camera's velocity, above which it is unmeasured [m/s]."""
-
 
 class Displacement(NamedTuple):
     """Displacement that was estimated from the lines of a batch.

@@ -21,7 +21,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from linescan_odometry.keyframe import EXCESS
-from linescan_odometry.measurements import WIDEST, SensorReading
+from linescan_odometry.measurements import SensorReading
 from omni_core.quantities import FloatArray
 from omni_core.sensors import LineSensor, velocity_row
 
@@ -31,15 +31,16 @@ _STILL_SHARE = 0.5
 _STILL_PIXELS = 2.0  # px; after this motion along the axis a view must change
 _HARDEST_STOP = 15.0  # m/s^2; a hard stop on a dry road reaches 10
 _CERTAIN = 4.0  # standard deviations by which a stop must be too hard
-_REMEMBERED_NS = (
-    1_280_000_000  # ns; twists are stored for this time, longer than a keyframe
-)
+_REMEMBERED_NS = 1_280_000_000  # ns; twists are stored for this time, longer than a keyframe
 # Limit on the time without a twist over which the motion is extrapolated, and time for which the
 # view of an occluded camera must change before the camera is used again [ns].
 _GAP_NS = 50_000_000
 _PIECE = 0.008  # m; ordinary ground leaves a view after the view's width plus this length
 _FAR_ENOUGH = 0.5  # motion across the axis before a test, as a share of (view width + _PIECE)
 _CLEAR_EXCESS = 0.65  # excess correlation that a single comparison does not reach by chance
+_WIDEST = (
+    0.5  # m/s, standard deviation; a texture of unknown slope confirms no other camera above it
+)
 _SLOWEST = 0.03  # m/s across the axis; at lower speeds, oblique texture causes no significant error
 
 
@@ -131,7 +132,7 @@ class UnsuitableViews:
                 across = float(self._rows[name][1] @ twist)
                 variance = reading.variance + (reading.slope * across) ** 2
                 sloping[name] = dataclasses.replace(reading, variance=variance, slope=0.0)
-                if variance > WIDEST**2:
+                if variance > _WIDEST**2:
                     sloping[name] = reading.rejected("uncertain: the texture may be oblique")
         return sloping
 

@@ -10,7 +10,7 @@ from linescan_odometry.joint.details import limited, spread
 from linescan_odometry.joint.likelihood import window
 from linescan_odometry.joint.maximum import FEWEST, Camera, Solution, View, moving, slow
 from linescan_odometry.matching.transforms import transform_size
-from linescan_odometry.measurements import WIDEST, Displacement, Unmeasured
+from linescan_odometry.measurements import Displacement, Unmeasured
 from linescan_odometry.plausibility import Plausibility
 from omni_core.kernels import kernel
 from omni_core.sensors import LineSensor
@@ -19,6 +19,7 @@ from omni_core.signals import Lines
 _ACCELERATION = 15.0  # m/s^2, standard deviation; a hard stop on a dry road reaches 10
 _MEMORY = 0.5  # s; time constant with which older batches lose weight in the pattern
 _TWO_MOTIONS = 0.25  # px; limit on `Fit.difference`; a larger difference indicates two motions
+_WIDEST = 1.0  # m/s; a velocity with a larger standard deviation is of no use to a vehicle
 _AGREE = 4.0  # standard deviations up to which two successive displacements agree
 _SHIFTED = 3 * candidates.APART  # px within a batch; beyond it, ground and pattern can be separated
 _DARKEST = 0.1  # gray level that is added before the logarithm, relative to the mean gray level
@@ -85,7 +86,7 @@ class JointEstimator:
         weight = candidates.band_pass(self._size, bins)
         change = _ACCELERATION / (sensor.line_rate**2 * sensor.pixel_pitch)
         fading = 1.0 / (sensor.line_rate * _MEMORY)
-        widest = (WIDEST / (sensor.line_rate * sensor.pixel_pitch)) ** 2
+        widest = (_WIDEST / (sensor.line_rate * sensor.pixel_pitch)) ** 2
         self._camera = Camera(taper, weight, stated, change, fading, widest)
         unknown = spectra.FixedPattern(np.zeros(bins, np.complex64), np.zeros(bins))
         self.pattern = unknown if pattern is None else pattern
