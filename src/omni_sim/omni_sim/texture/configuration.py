@@ -10,7 +10,8 @@ from omni_core.files import user_folder
 KINDS = (
     *("cork", "asphalt", "stone", "wood", "plastic", "metal", "walking_tile", "dry_earth"),
     *("worn_asphalt", "concrete", "wet_concrete", "gravel", "sand", "grass", "bark", "brick"),
-    *("cobble", "planks"),
+    *("cobble", "planks", "carpet", "terrazzo", "slabs", "tile", "wet_asphalt"),
+    *("sealed_concrete", "epoxy", "flake_epoxy"),
 )
 """Kinds of grounds that `materials` paints."""
 
