@@ -1,7 +1,7 @@
 """Tests of a view that hardly changes: what changes in it, and which share of it is ground.
 
 A view is static if the vehicle is at rest, or if the camera sees only its own fixed pattern: dirt
-on the window over a ground without visible texture. Both give the same lines. They are told apart
+on the window over a ground without visible texture. Both give the same lines. They are separated
 by what is known of dirt: it absorbs light, so it darkens pixels and brightens none. The texture of
 the ground does both. In slow motion, the share of the ground also follows from the changes of the
 lines, because the ground moves and the pattern does not.
