@@ -144,7 +144,7 @@ def explained(lines: Spectrum, motion: Doubles, layout: Layout) -> float:
         return 1.0
     if fast - (number - slow) * noise > _TOO_FAST * whole + chance:
         return 0.0
-    return min(max((before - after + chance) / whole, 0.0), 1.0)
+    return float(min(max((before - after + chance) / whole, 0.0), 1.0))
 
 
 @linked
@@ -178,4 +178,4 @@ def ground_share(
         np.minimum(power[2], 1.0 / np.maximum(pattern.precision[1:use], 1e-12)) * steep
     ).sum()
     dirt = max(dark - bright, 0.0) / max(dark + bright, 1e-12)
-    return 1.0 - min(dirt, unknown / max(whole, 1e-12))
+    return float(1.0 - min(dirt, unknown / max(whole, 1e-12)))

@@ -1,4 +1,4 @@
-"""Rest, slow motion, dirt and shadows in the joint estimator: what is separated, and what is not."""
+"""Rest, slow motion, dirt and shadows in the joint estimator."""
 
 from __future__ import annotations
 
