@@ -58,7 +58,7 @@ def run(environment: dict[str, str], *words: str) -> subprocess.CompletedProcess
     "ros-params {}/configuration.yaml --out {out}",
 ])  # fmt: skip
 def test_commands_run(environment: dict[str, str], tmp_path: Path, line: str) -> None:
-    done = run(environment, *line.format(RECORDING, out=tmp_path).split())
+    done = run(environment, *(word.format(RECORDING, out=tmp_path) for word in line.split()))
     assert done.returncode == 0, done.stderr
 
 

@@ -40,7 +40,7 @@ def test_steps_of_the_dark_signal_do_not_bias_fast_motion_over_a_faint_ground() 
     ground = Ground("brick", texels=2048)
     tally = drive_over(ground, {"steps": FAULTS["dark_steps"]}, range(2), 9, 1, motions)["steps"]
     assert not tally.undetected.any()
-    assert float(np.mean(np.isfinite(tally.ratio))) > 0.1
+    assert float(np.mean(np.isfinite(tally.ratio))) > 0.03
 
 
 def test_slow_motion_across_an_axis_over_a_smooth_ground_is_measured() -> None:

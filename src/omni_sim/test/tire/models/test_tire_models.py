@@ -222,12 +222,17 @@ def test_configuration_survives_its_mapping(name: str) -> None:
     assert from_mapping(TireConfiguration, to_mapping(tire)) == tire
 
 
-def test_a_fourth_model_is_one_file(tmp_path: Path) -> None:
+def test_a_fourth_model_is_a_module_and_a_section(tmp_path: Path) -> None:
     package = Path(omni_sim.__file__).parent
     shutil.copytree(package, tmp_path / "omni_sim", ignore=shutil.ignore_patterns("__pycache__"))
     models = tmp_path / "omni_sim" / "tire" / "models"
     text = (models / "linear.py").read_text()
     (models / "twice.py").write_text(text.replace("peak_force = ", "peak_force = 2.0 * "))
+    declared = tmp_path / "omni_sim" / "tire" / "interface" / "configuration.py"
+    text = declared.read_text().replace("MODELS = (", 'MODELS = ("twice", ', 1)
+    model = "    linear: LinearConfiguration = section(LinearConfiguration)\n"
+    assert model in text
+    declared.write_text(text.replace(model, model + model.replace("linear", "twice", 1)))
     program = """
 from omni_core.configuration import from_mapping
 from omni_sim.tire.tire import Tire, TireConfiguration
