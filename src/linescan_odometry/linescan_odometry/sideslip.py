@@ -115,6 +115,8 @@ class WheelSideslip:
         """
         if not reading.measured:
             return SideslipEstimate.unmeasured(reading.reason)
+        if reading.slope > 0.0:  # the slope of the texture would be an error of the angle
+            return SideslipEstimate.unmeasured("uncertain: the texture may be oblique")
         if not (math.isfinite(forward) and math.isfinite(yaw_rate)):
             return SideslipEstimate.unmeasured(
                 f"forward velocity {forward:g} m/s and yaw rate {yaw_rate:g} rad/s must be finite"
