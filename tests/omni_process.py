@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import json
 import os
 import signal
 import subprocess
@@ -153,3 +154,23 @@ def processes_of(package: str, session_of: int, executable: str = "") -> list[in
         for pid in node_processes(session_of)
         if Path(f"/proc/{pid}/comm").read_text().strip() in names
     ]
+
+
+def run_notebook(text: str, folder: Path) -> subprocess.CompletedProcess[str]:
+    """Run the code of a notebook as a program, so that its classes are found in __main__.
+
+    Args:
+        text: contents of the notebook's file.
+        folder: working directory of the program.
+    """
+    cells = json.loads(text)["cells"]
+    return subprocess.run(
+        [sys.executable, "-"],
+        input="\n".join("".join(c["source"]) for c in cells if c["cell_type"] == "code"),
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        timeout=RUN_TIMEOUT,
+        check=False,
+        env=omni_environment() | {"MPLBACKEND": "Agg"},
+    )

@@ -17,7 +17,7 @@ from pathlib import Path
 
 import pytest
 import yaml
-from omni_process import WORKSPACE, omni_environment, omni_here
+from omni_process import WORKSPACE, omni_here, run_notebook
 
 from linescan_odometry import odometry_node
 from linescan_odometry.configuration import OdometryConfiguration
@@ -215,15 +215,5 @@ def test_a_law_and_an_odometry_brake(earlier: Path, monkeypatch: pytest.MonkeyPa
 
 
 def test_a_notebook_runs(earlier: Path) -> None:
-    cells = json.loads(FILES["own_law.ipynb"])["cells"]
-    program = "\n".join("".join(c["source"]) for c in cells if c["cell_type"] == "code")
-    done = subprocess.run(
-        [sys.executable, "-"],
-        input=program,
-        cwd=earlier,
-        capture_output=True,
-        text=True,
-        check=False,
-        env=omni_environment() | {"MPLBACKEND": "Agg"},
-    )
+    done = run_notebook(FILES["own_law.ipynb"], earlier)
     assert done.returncode == 0, done.stderr

@@ -13,7 +13,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from omni_process import RUN_TIMEOUT, WORKSPACE, omni_command, omni_environment
+from omni_process import RUN_TIMEOUT, WORKSPACE, omni_command, omni_environment, run_notebook
 
 # What ./omni does once its environment is there.
 LAUNCHER = f"""#!/bin/sh
@@ -62,19 +62,11 @@ def test_the_notebook_s_law_beats_the_dissertation_s(place: str, tmp_path: Path)
     notebook = WORKSPACE / "docs/tutorials/own_law.ipynb"
     # Jupyter starts the kernel of a notebook in the notebook's folder.
     folder = {"its own": notebook.parent, "the root": WORKSPACE, "another": tmp_path}[place]
-    cells = json.loads(notebook.read_text(encoding="utf-8"))["cells"]
-    assert not any(cell.get("outputs") for cell in cells)  # they come when it is run
-    program = "\n".join("".join(c["source"]) for c in cells if c["cell_type"] == "code")
-    done = subprocess.run(  # as a program, since the law is found in __main__
-        [sys.executable, "-"],
-        input=program,
-        cwd=folder,
-        capture_output=True,
-        text=True,
-        timeout=RUN_TIMEOUT,
-        check=False,
-        env=omni_environment() | {"MPLBACKEND": "Agg"},
-    )
+    text = notebook.read_text(encoding="utf-8")
+    assert not any(
+        cell.get("outputs") for cell in json.loads(text)["cells"]
+    )  # they come when it is run
+    done = run_notebook(text, folder)
     assert done.returncode == 0, done.stderr
     distances = {line.split()[0]: float(line.split()[1]) for line in done.stdout.splitlines()}
     assert distances["BestPattern"] < distances["zero"]  # the notebook asserts both numbers

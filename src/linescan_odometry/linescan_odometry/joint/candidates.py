@@ -230,53 +230,49 @@ def _refined(correlation: Floats, peak: int, layout: Layout) -> float:
 def rate(rest: Correlation, layout: Layout, found: Doubles) -> Doubles:
     """Return the log-likelihood ratio of each candidate versus noise [nats], shape (c,).
 
-    The result is the largest ratio of the line spacings up to any spacing, at most `farthest`, and
-    at least 0.
-
     Args:
         rest: correlations between the lines.
         layout: sizes of the batch.
         found: displacements per line of the candidates [px], shape (c,).
     """
-    evidence, rest = np.zeros(len(found)), against_noise(rest, layout)
+    evidence, rest = np.empty(len(found)), against_noise(rest, layout)
     for i in range(len(found)):
-        for last in range(farthest(found[i], layout) + 1):
-            evidence[i] = max(evidence[i], pooled(rest, layout, found[i], last))
+        evidence[i] = _pooled(rest, layout, found[i])
     return evidence
 
 
 @kernel
-def pooled(rest: Correlation, layout: Layout, displacement: float, last: int) -> float:
+def _pooled(rest: Correlation, layout: Layout, displacement: float) -> float:
     """Return the log-likelihood ratio of a displacement versus noise, from several spacings [nats].
 
-    Under noise alone, pairs of lines at different spacings are independent.
+    Under noise alone, pairs of lines at different spacings are independent. Texture that leaves the
+    view between distant lines would only add noise, so the result is the largest ratio of the line
+    spacings up to any spacing, at most `farthest`, and at least 0.
 
     Args:
         rest: correlations between the lines.
         layout: sizes of the batch.
         displacement: displacement per line [px].
-        last: index of the largest line spacing in `spacings` that counts.
     """
     edges, count = bands(layout.size), int(COMPARED * layout.size)
     edges, distances = edges[edges <= count], spacings(layout.lines)
     gains, powers, numbers = np.zeros((3, len(edges) - 1))
-    for which in range(last + 1):
+    largest = 0.0
+    for which in range(farthest(displacement, layout) + 1):
         shift = np.full(1, distances[which] * displacement)
         value, turn = rest.lagged[which, :count], phases(shift, layout.size, count)[0]
-        overlap, pairs = (
-            max(1.0 - abs(shift[0]) / layout.pixels, 1e-3),
-            layout.lines - distances[which],
-        )
+        overlap = max(1.0 - abs(shift[0]) / layout.pixels, 1e-3)
+        pairs = layout.lines - distances[which]
+        total = 0.0
         for b in range(len(edges) - 1):
             for f in range(edges[b], edges[b + 1]):
                 gains[b] += pairs * (value[f].real * turn[f].real - value[f].imag * turn[f].imag)
                 powers[b] += pairs * overlap * rest.power[f]
                 numbers[b] += overlap**2 * rest.number[which, f]
-    total = 0.0
-    for b in range(len(edges) - 1):
-        coherence = min(max(gains[b] / max(powers[b], 1e-9), 0.0), 0.999)
-        total -= 0.5 * numbers[b] * layout.pixels / layout.size * math.log1p(-(coherence**2))
-    return total
+            coherence = min(max(gains[b] / max(powers[b], 1e-9), 0.0), 0.999)
+            total -= 0.5 * numbers[b] * layout.pixels / layout.size * math.log1p(-(coherence**2))
+        largest = max(largest, total)
+    return largest
 
 
 @kernel

@@ -118,17 +118,15 @@ def slow(
     gains = max(unequal_pixels(view.logs) * (camera.taper**2).sum(), 1.0 / camera.stated)
     prior = 1.0 / (pattern.precision + 1.0 / max(gains, 1e-12))
     motion, rest, batch, here = _maximize(view, camera, pattern, layout, start, prior)
-    if not np.isfinite(motion).all():
-        return Solution(motion, math.inf, 0.0, 0.0, 0.0, 0.0, rest, batch)
-    fit = assess(rest, here)
-    # At rest all lines are equal, so few features suffice.
-    variance = fit.variance if math.isfinite(fit.variance) else fit.white
-    share = 1.0
-    if layout.lines >= spectra.FEWEST_LINES:
+    share = 1.0 if np.isfinite(motion).all() else 0.0
+    if share > 0.0 and layout.lines >= spectra.FEWEST_LINES:
         share = static.explained(view.spectra - start[1], motion, layout)
         share *= static.ground_share(rest, pattern, camera.taper, layout)
     if share <= 0.0:
         return Solution(motion, math.inf, 0.0, 0.0, 0.0, 0.0, rest, batch)
+    fit = assess(rest, here)
+    # At rest all lines are equal, so few features suffice.
+    variance = fit.variance if math.isfinite(fit.variance) else fit.white
     variance += ((abs(motion[0]) + math.sqrt(variance)) * (1.0 / share - 1.0)) ** 2
     return Solution(motion, variance, fit.features, fit.coherence, 0.0, 0.0, rest, batch)
 

@@ -19,7 +19,7 @@ from omni_core.signals import Lines
 from omni_sim.camera import optics
 from omni_sim.camera.configuration import CameraConfiguration
 from omni_sim.camera.exposure import expose, noise_key
-from omni_sim.camera.faults import TimedFault, elapsed, faults_of, moved_to, turned_poses
+from omni_sim.camera.faults import TimedFault, faults_of, moved_to, turned_poses
 from omni_sim.camera.footprint.integral import integrate_lines
 from omni_sim.camera.footprint.padding import PaddedTexture, padded_levels
 from omni_sim.texture.texture import GroundTexture
@@ -109,7 +109,7 @@ class LineCamera:
                 mounting depend.
         """
         for timed in self._timed:
-            rows = timed.turns(elapsed(first_line, len(poses), self.sensor.line_rate))
+            rows = timed.turns(optics.elapsed(first_line, len(poses), self.sensor.line_rate))
             if len(rows):
                 turned = turned_poses(poses, self.footprints(poses), rows, timed.fault.amplitude)
                 velocities = None if velocities is None else moved_to(velocities, turned - poses)
@@ -180,7 +180,8 @@ class LineCamera:
         if exposure.shadow > 0.0:
             grays = optics.shade(grays, self._seen, exposure, first_line)
         if self._timed:
-            time, grays = elapsed(first_line, len(ground), self.sensor.line_rate), grays.copy()
+            time = optics.elapsed(first_line, len(ground), self.sensor.line_rate)
+            grays = grays.copy()
             for timed in self._timed:
                 timed.change(grays, time)
         if self._faults is not None:

@@ -25,17 +25,6 @@ from omni_sim.camera import optics
 from omni_sim.camera.configuration import BUMP, CameraConfiguration, CameraFault
 
 
-def elapsed(first_line: int, count: int, line_rate: float) -> FloatArray:
-    """Return the times at which lines are exposed [s], shape (count,).
-
-    Args:
-        first_line: index of the first line since the start of the run.
-        count: number of lines.
-        line_rate: line rate [1/s].
-    """
-    return np.asarray((first_line + np.arange(count)) / line_rate, np.float64)
-
-
 @dataclasses.dataclass(frozen=True, eq=False)
 class TimedFault:
     """A fault with the properties of the camera that it affects.

@@ -155,11 +155,22 @@ def shade(
         configuration: optics of the camera, including the shadow.
         first_line: index of the first line since the start of the run.
     """
-    elapsed = (first_line + np.arange(len(grays))) / sensor.line_rate
-    moved = 0.35 + configuration.shadow_speed * elapsed / sensor.length  # [lengths of the view]
+    time = elapsed(first_line, len(grays), sensor.line_rate)
+    moved = 0.35 + configuration.shadow_speed * time / sensor.length  # [lengths of the view]
     edge = 0.1 + 0.8 * np.abs((moved - 0.1) / 0.8 % 2.0 - 1.0)
     shaded = grays * (1.0 - configuration.shadow * (1.0 - lit(sensor, edge))).astype(np.float32)
     return np.asarray(shaded, np.float32)
+
+
+def elapsed(first_line: int, count: int, line_rate: float) -> FloatArray:
+    """Return the times at which lines are exposed [s], shape (count,).
+
+    Args:
+        first_line: index of the first line since the start of the run.
+        count: number of lines.
+        line_rate: line rate [1/s].
+    """
+    return np.asarray((first_line + np.arange(count)) / line_rate, np.float64)
 
 
 def lit(sensor: LineSensor, edge: FloatArray) -> FloatArray:
