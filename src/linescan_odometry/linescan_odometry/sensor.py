@@ -5,6 +5,7 @@ method, and returns a reading with velocity and variance. If one of these operat
 `Unmeasured`, the reading contains the reason instead.
 """
 
+import dataclasses
 import math
 from collections.abc import Callable
 from functools import cache, partial
@@ -16,7 +17,7 @@ from linescan_odometry.configuration import OdometryConfiguration
 from linescan_odometry.joint.estimator import JointEstimator
 from linescan_odometry.joint.spectra import FixedPattern
 from linescan_odometry.keyframe import Keyframe
-from linescan_odometry.measurements import Displacement, SensorReading, Unmeasured
+from linescan_odometry.measurements import SensorReading, Unmeasured
 from linescan_odometry.pair_method import PairsMethod
 from linescan_odometry.plausibility import Plausibility
 from linescan_odometry.references import References
@@ -238,15 +239,19 @@ class SensorOdometry:
             stamp_ns: time of exposure of the newest line [ns].
             lines: consecutive lines, oldest first, shape (m + 1, n).
         """
+        static = 0.0
         try:
             _check(lines)
+            static = self._static_time(stamp_ns, lines)
             displacement = self._method.measure(lines, self._plausibility, stamp_ns)
             self._plausibility.accept(stamp_ns, len(lines) - 1, displacement.value)
             if self._chain.stretch > _LONGEST_STRETCH:
                 raise Unmeasured(self._chain.remark)
         except Unmeasured as nothing:
             self._keyframe.reset()
-            return nothing.reading
+            return dataclasses.replace(nothing.reading, static_time=static)
+        if abs(displacement.value) * (len(lines) - 1) > _STATIC_DISPLACEMENT:
+            static, self._static = 0.0, None
         velocity = displacement.value * self._scale
         if not self._chain.joined:
             self._keyframe.reset()
@@ -260,13 +265,13 @@ class SensorOdometry:
             inlier_share=displacement.share,
             measured=True,
             remark=self._chain.remark,
-            static_time=self._static_time(stamp_ns, lines, displacement),
+            static_time=static,
             reference_age=age,
             persistence=persistence,
             slope=displacement.slope,
         )
 
-    def _static_time(self, stamp_ns: int, lines: Lines, displacement: Displacement) -> float:
+    def _static_time(self, stamp_ns: int, lines: Lines) -> float:
         """Return for how long the lines have not changed [s]; 0 if they changed within this batch.
 
         The newest line is compared with several older lines, because on periodic ground the first
@@ -274,7 +279,7 @@ class SensorOdometry:
         batch. The oldest line of the static view is kept, so that slow motion is noticed too.
         """
         span, before, self._static = len(lines) - 1, self._static, None
-        if span < _STATIC_PAIRS or abs(displacement.value) * span > _STATIC_DISPLACEMENT:
+        if span < _STATIC_PAIRS:
             return 0.0
         near = _correlation(lines[-2], lines[-1])
         # If neighboring lines correlate weakly, the second limit is too low to exclude lines of

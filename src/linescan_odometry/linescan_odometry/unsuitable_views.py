@@ -76,6 +76,7 @@ class UnsuitableViews:
         self._twist: FloatArray = np.zeros(3)
         self._deviations: dict[str, float] = {}  # of the velocities of that twist [m/s]
         self._stamp_ns = 0
+        self._interval_ns = 0  # time between the last two twists [ns]
 
     def stopped(
         self, stamp_ns: int, readings: Mapping[str, SensorReading]
@@ -91,7 +92,6 @@ class UnsuitableViews:
         """
         if stamp_ns < self._stamp_ns:  # the recording is played again
             self._start_anew()
-        elapsed = 1e-9 * (stamp_ns - self._stamp_ns)
         dismissed = {}
         for name, reading in readings.items():
             if name not in self._sensors:
@@ -106,6 +106,9 @@ class UnsuitableViews:
             self._static_ns[name] = stamp_ns
             along, across = (float(v) for v in self._rows[name] @ self._twist)
             speed = math.hypot(along, across)
+            # The last twist is a mean over its batch, so the stop began within that batch.
+            stopping = stamp_ns - self._stamp_ns - round(1e9 * reading.static_time)
+            elapsed = 1e-9 * (max(stopping, 0) + self._interval_ns)
             possible = _HARDEST_STOP * elapsed + _CERTAIN * self._deviations.get(name, 0.0)
             if speed > possible and self._would_show(name, along, across, reading.static_time):
                 self._covered[name] = (
@@ -198,7 +201,8 @@ class UnsuitableViews:
         if self._stamps and not 0 < stamp_ns - self._stamps[-1] < _GAP_NS:
             self._stamps.clear()
             self._paths.clear()
-        elapsed = 1e-9 * (stamp_ns - self._stamps[-1]) if self._stamps else 0.0
+        self._interval_ns = min(stamp_ns - self._stamp_ns, _GAP_NS)
+        elapsed = 1e-9 * self._interval_ns if self._stamps else 0.0
         self._stamp_ns = stamp_ns
         self._twist = twist
         across = np.array([rows[1] @ twist for rows in self._rows.values()])
@@ -221,7 +225,7 @@ class UnsuitableViews:
         Returns:
             This reading, keyed by camera name; empty if no view contradicts the twist.
         """
-        farthest, covered = _STILL_SHARE, {}
+        farthest, worst, covered = _STILL_SHARE, "", {}
         # Before the first stored twist, the motion is unknown.
         known = max(stamp_ns - self._stamps[0] if self._stamps else 0, _GAP_NS)
         for name, reading in readings.items():
@@ -232,12 +236,14 @@ class UnsuitableViews:
             path = self._path_across(name, stamp_ns, min(static, 1e-9 * known), across)
             share = path / self._sensors[name].width
             if share > farthest:
-                farthest = share
+                farthest, worst = share, name
                 reason = (
                     "covered: its view does not change, but the platform moves across it at "
                     f"{abs(across):.3g} m/s"
                 )
                 covered = {name: reading.rejected(reason)}
+        if covered:
+            self._covered[worst] = covered[worst].reason
         return covered
 
     def _over_oblique_texture(

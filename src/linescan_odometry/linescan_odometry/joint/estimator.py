@@ -177,12 +177,12 @@ def _estimate(
     found = candidates.find((usual, remainder), layout, camera.weight, last)
     several = layout.lines >= spectra.FEWEST_LINES
     view = View(lines, logs, transformed, found, usual, details, remainder if several else usual)
-    d, moves, flaw = _choose(view, camera, layout)
+    d, moves, shifts, flaw = _choose(view, camera, layout)
     best = Solution(np.array([d, 0.0]), math.inf, 0.0, 0.0, 0.0, 0.0, logs, pattern)
-    if not flaw and (not (moves and several) or abs(d) * (layout.lines - 1) < _SHIFTED):
+    if not flaw and (not (shifts and several) or abs(d) * (layout.lines - 1) < _SHIFTED):
         best = slow(view, camera, pattern, layout, (d, known))
     parted = False
-    if not flaw and moves and several:
+    if not flaw and shifts and several:
         mean = transformed.sum(axis=0) / np.float32(layout.lines)
         other = moving(view, camera, pattern, layout, (d, mean))
         parted = other.variance < best.variance
@@ -204,7 +204,9 @@ def _estimate(
 
 
 @kernel
-def _choose(view: View, camera: Camera, layout: candidates.Layout) -> tuple[float, bool, str]:
+def _choose(
+    view: View, camera: Camera, layout: candidates.Layout
+) -> tuple[float, bool, bool, str]:
     """Return the candidate for the displacement that explains the lines best.
 
     At rest, the lines minus the mean of all lines are white noise. The vehicle therefore counts as
@@ -219,8 +221,9 @@ def _choose(view: View, camera: Camera, layout: candidates.Layout) -> tuple[floa
         layout: sizes of the batch.
 
     Returns:
-        Displacement per line [px]; whether it is a motion and not rest; and the reason why it is
-        invalid, which is empty for a valid displacement.
+        Displacement per line [px]; whether it is a motion and not rest; whether the lines are known
+        to shift along the axis; and the reason why the displacement is invalid, which is empty for
+        a valid displacement.
     """
     remainder, found = view.remainder, view.found
     evidence = candidates.rate(remainder, layout, found)
@@ -235,13 +238,13 @@ def _choose(view: View, camera: Camera, layout: candidates.Layout) -> tuple[floa
         c = found[near[int(np.argmax(evidence[near]))]]
         if static.colored(view.recorded, camera.taper, layout, True) < limit:
             own = candidates.coherent(candidates.against_noise(view.usual, layout), layout, c, 0)
-            return c, False, "" if own > candidates.LIKELY else "low texture"
+            return c, False, False, "" if own > candidates.LIKELY else "low texture"
         if static.colored(view.recorded, camera.taper, layout, False) < limit:
-            return c, True, ""
+            return c, True, False, ""
     if evidence[best] < candidates.LIKELY:
-        return found[best], True, "low texture"
+        return found[best], True, True, "low texture"
     best, ambiguous = candidates.decide(remainder, layout, found, evidence)
-    return found[best], True, "ambiguous" if ambiguous else ""
+    return found[best], True, True, "ambiguous" if ambiguous else ""
 
 
 @kernel

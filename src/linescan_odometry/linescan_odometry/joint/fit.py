@@ -55,7 +55,7 @@ class Fit(NamedTuple):
 
 
 @kernel
-def _noise(lines: Floats) -> float:
+def noise_of(lines: Floats) -> float:
     """Return the median of the pixels' noise variances, estimated from lines of shape (m, n).
 
     The difference of two lines contains no fixed pattern. Its third differences along the line
@@ -86,7 +86,7 @@ def unequal_pixels(lines: Floats) -> float:
     third = still[3:] - still[:-3] - np.float32(3.0) * (still[2:-1] - still[1:-2])
     # The coefficients 1, 3, 3 and 1 have the sum of squares 20.
     variance = float(np.median(third * third)) / (20.0 * _MEDIAN_SQUARE)
-    return min(max(variance - _noise(lines) / len(lines), 0.0), _UNEQUAL**2)
+    return min(max(variance - noise_of(lines) / len(lines), 0.0), _UNEQUAL**2)
 
 
 @linked
@@ -106,7 +106,7 @@ def assess(lines: Floats, here: Expansion) -> Fit:
         weight[edges[b] : edges[b + 1]] = math.sqrt(gamma / ((1.0 - gamma * gamma) * moments[0, b]))
         gradient[b] = (here.model.rate[edges[b] : edges[b + 1]] ** 2).sum()
         information[b] = gamma * gamma / (1.0 - gamma * gamma) * gradient[b]
-    noise = _noise(lines) * (window(cut.length) ** 2).sum()
+    noise = noise_of(lines) * (window(cut.length) ** 2).sum()
     contrast = (moments[1] * gradient).sum() / max(noise * gradient.sum(), 1e-12)
     moved, curvature = _moved(here)
     parts = _places(here, moved, weight, lines.shape[1])

@@ -21,6 +21,9 @@ long.
 # Gradient energy over noise. Below it, an oblique texture such as wood is not noticed by its
 # persistence. The slope of joints and grain is then unknown.
 _LEAST_CONTRAST = 0.1
+# Standard deviation of a learned pattern, relative to the pattern [1]. Where dirt absorbs light, the
+# mean of the logarithm also depends on the contrast of the ground over which it was learned.
+_INEXACT = 0.03
 _SLOPE = 0.3  # standard deviation of this slope [1], from floors of bricks, tiles and slabs
 
 
@@ -116,12 +119,14 @@ def slow(
         start: displacement per line of the candidate [px], and the pattern that is subtracted.
     """
     gains = max(unequal_pixels(view.logs) * (camera.taper**2).sum(), 1.0 / camera.stated)
+    known = start[1].real.astype(np.float64) ** 2 + start[1].imag.astype(np.float64) ** 2
     prior = 1.0 / (pattern.precision + 1.0 / max(gains, 1e-12))
+    prior += _INEXACT**2 * spectra.smoothed(known)
     motion, rest, batch, here = _maximize(view, camera, pattern, layout, start, prior)
     share = 1.0 if np.isfinite(motion).all() else 0.0
     if share > 0.0 and layout.lines >= spectra.FEWEST_LINES:
         share = static.explained(view.spectra - start[1], motion, layout)
-        share *= static.ground_share(rest, pattern, camera.taper, layout)
+        share *= static.ground_share(rest, prior, camera.taper, layout)
     if share <= 0.0:
         return Solution(motion, math.inf, 0.0, 0.0, 0.0, 0.0, rest, batch)
     fit = assess(rest, here)

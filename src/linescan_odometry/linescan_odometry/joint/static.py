@@ -17,6 +17,7 @@ import numpy as np
 
 from linescan_odometry.joint import candidates, spectra
 from linescan_odometry.joint.candidates import COMPARED, Correlation, Layout
+from linescan_odometry.joint.fit import noise_of
 from linescan_odometry.joint.spectra import Doubles, Floats, Spectrum
 from omni_core.kernels import kernel, linked
 from omni_core.signals import Lines
@@ -25,6 +26,8 @@ _SLOW = 3  # half periods per batch of the slow changes of a pixel
 # Half periods per batch of the fast changes. They have an eighth of the power of the slow ones if
 # the change of a pixel is a random walk, and more if the ground shifts by several details.
 _FAST = 8
+# Variance of the larger one of a standard normal variable and 0, as of noise that only brightens.
+_HALF = 0.5 - 0.5 / math.pi
 _TOO_FAST = 0.5  # power of fast changes over that of slow changes, between these two cases
 
 
@@ -149,18 +152,19 @@ def explained(lines: Spectrum, motion: Doubles, layout: Layout) -> float:
 
 @linked
 @kernel
-def ground_share(
-    lines: Floats, pattern: spectra.FixedPattern, taper: Floats, layout: Layout
-) -> float:
+def ground_share(lines: Floats, fixed: Doubles, taper: Floats, layout: Layout) -> float:
     """Return the share of the mean line's power that is ground and not dirt [1].
 
     Dirt darkens pixels, and the texture of the ground darkens and brightens them equally. Both are
     relative to the middle of the shortest interval that contains half of the pixels (the shorth),
-    because even a window of which half is dirty hardly changes this interval.
+    because even a window of which half is dirty hardly changes this interval. Noise and unequal
+    pixels also do both, so their expected power is subtracted. The share is 0 if nothing brightens
+    the pixels significantly more than they do: then no ground is visible.
 
     Args:
         lines: logarithm of the gray levels, minus the fixed pattern, shape (m, n).
-        pattern: fixed pattern that was subtracted; where it is known, dirt is known too.
+        fixed: expected power of the error of this pattern in the tapered lines, shape (F,); where
+            the pattern is known, dirt is known too.
         taper: factor of each pixel before the transform, shape (n,).
         layout: sizes of the batch.
     """
@@ -170,12 +174,16 @@ def ground_share(
     middle = ordered[shortest + half // 2]
     parts = np.empty((3, layout.pixels), np.float32)
     parts[0], parts[1], parts[2] = np.minimum(mean, middle), np.maximum(mean, middle), mean
-    use = int(COMPARED * layout.size)
-    power = np.abs(spectra.spectra_of(parts, taper, layout.size)[:, 1:use]) ** 2
-    steep = np.arange(1, use) ** 2.0
-    dark, bright, whole = (power * steep).sum(axis=1)
-    unknown = (
-        np.minimum(power[2], 1.0 / np.maximum(pattern.precision[1:use], 1e-12)) * steep
-    ).sum()
-    dirt = max(dark - bright, 0.0) / max(dark + bright, 1e-12)
-    return float(1.0 - min(dirt, unknown / max(whole, 1e-12)))
+    # The mean of each line was subtracted, so the first band does not follow the model.
+    first, use = candidates.bands(layout.size)[1], int(COMPARED * layout.size)
+    power = np.abs(spectra.spectra_of(parts, taper, layout.size)[:, first:use]) ** 2
+    even = fixed[first:use] + noise_of(lines) * (taper**2).sum() / layout.lines
+    # Information of each frequency: its slope times the share of its power that is not even.
+    whole = np.maximum(spectra.smoothed(power[2].astype(np.float64)), 1e-12)
+    weight = np.arange(first, use) ** 2.0 * np.maximum(1.0 - even / whole, 0.0)
+    dark = (weight * (power[0] - _HALF * even)).sum()
+    bright = (weight * (power[1] - _HALF * even)).sum()
+    # The power of noise at one frequency has a standard deviation equal to its mean.
+    if bright <= spectra.SIGNIFICANT * _HALF * math.sqrt(((weight * even) ** 2).sum()):
+        return 0.0
+    return float(1.0 - max(dark - bright, 0.0) / (max(dark, 0.0) + bright))
