@@ -28,7 +28,13 @@ from omni_core.signals import Lines
 
 
 class PairsMethod:
-    """Measures displacements from pairs of lines."""
+    """Measures displacements from pairs of lines.
+
+    Attributes:
+        still: always False: this method does not know whether only noise changed the lines.
+    """
+
+    still = False
 
     def __init__(self, sensor: LineSensor, configuration: OdometryConfiguration) -> None:
         """Create the search, the refinement and the median filter for one camera.

@@ -239,19 +239,17 @@ class SensorOdometry:
             stamp_ns: time of exposure of the newest line [ns].
             lines: consecutive lines, oldest first, shape (m + 1, n).
         """
-        static = 0.0
         try:
             _check(lines)
-            static = self._static_time(stamp_ns, lines)
             displacement = self._method.measure(lines, self._plausibility, stamp_ns)
             self._plausibility.accept(stamp_ns, len(lines) - 1, displacement.value)
             if self._chain.stretch > _LONGEST_STRETCH:
                 raise Unmeasured(self._chain.remark)
         except Unmeasured as nothing:
             self._keyframe.reset()
-            return dataclasses.replace(nothing.reading, static_time=static)
-        if abs(displacement.value) * (len(lines) - 1) > _STATIC_DISPLACEMENT:
-            static, self._static = 0.0, None
+            return dataclasses.replace(
+                nothing.reading, static_time=self._static_time(stamp_ns, lines, 0.0)
+            )
         velocity = displacement.value * self._scale
         if not self._chain.joined:
             self._keyframe.reset()
@@ -265,13 +263,13 @@ class SensorOdometry:
             inlier_share=displacement.share,
             measured=True,
             remark=self._chain.remark,
-            static_time=static,
+            static_time=self._static_time(stamp_ns, lines, displacement.value),
             reference_age=age,
             persistence=persistence,
             slope=displacement.slope,
         )
 
-    def _static_time(self, stamp_ns: int, lines: Lines) -> float:
+    def _static_time(self, stamp_ns: int, lines: Lines, displacement: float) -> float:
         """Return for how long the lines have not changed [s]; 0 if they changed within this batch.
 
         The newest line is compared with several older lines, because on periodic ground the first
@@ -279,14 +277,14 @@ class SensorOdometry:
         batch. The oldest line of the static view is kept, so that slow motion is noticed too.
         """
         span, before, self._static = len(lines) - 1, self._static, None
-        if span < _STATIC_PAIRS:
+        if span < _STATIC_PAIRS or abs(displacement) * span > _STATIC_DISPLACEMENT:
             return 0.0
         near = _correlation(lines[-2], lines[-1])
         # If neighboring lines correlate weakly, the second limit is too low to exclude lines of
         # different ground.
         least = max(_STATIC_SHARE * near, 2.0 * near - 1.0 - _STATIC_TOLERANCE)
         older = (lines[1], lines[span // 3], lines[span // 2])
-        if any(_correlation(line, lines[-1]) <= least for line in older):
+        if not self._method.still and any(_correlation(line, lines[-1]) <= least for line in older):
             return 0.0
         oldest = stamp_ns - round((span - 1) * self._chain.period_ns), lines[1]
         if before and before[0] < stamp_ns and _correlation(before[1], lines[-1]) > least:

@@ -59,6 +59,7 @@ class JointEstimator:
 
     Attributes:
         pattern: present estimate of the camera's fixed pattern.
+        still: whether only white noise changed the lines of the last batch.
     """
 
     def __init__(
@@ -95,6 +96,7 @@ class JointEstimator:
     def reset(self) -> None:
         """Discard the last displacement; the next line starts a new sequence."""
         self._last = math.nan
+        self.still = False
         self._before = math.nan, math.inf  # of the last batch, even if it was not confirmed
 
     def measure(self, lines: Lines, plausibility: Plausibility, stamp_ns: int) -> Displacement:
@@ -109,6 +111,7 @@ class JointEstimator:
             Unmeasured: the lines do not determine a displacement.
         """
         estimate = self.estimate(lines)
+        self.still = not estimate.moves
         (last, uncertain), self._before = self._before, (math.nan, math.inf)
         if estimate.reason:
             raise Unmeasured(estimate.reason, unmatched=True)
@@ -236,15 +239,24 @@ def _choose(
     moves = evidence[best] >= limit
     if len(near) > 0 and (not moves or static.turning(remainder, layout) < limit):
         c = found[near[int(np.argmax(evidence[near]))]]
-        if static.colored(view.recorded, camera.taper, layout, True) < limit:
-            own = candidates.coherent(candidates.against_noise(view.usual, layout), layout, c, 0)
-            return c, False, False, "" if own > candidates.LIKELY else "low texture"
-        if static.colored(view.recorded, camera.taper, layout, False) < limit:
-            return c, True, False, ""
+        changes = static.colored(view.recorded, camera.taper, layout, True) >= limit
+        if not changes or static.colored(view.recorded, camera.taper, layout, False) < limit:
+            # Texture must be visible before and after the subtraction of the pattern, because the
+            # error of the pattern looks like texture in a view without any.
+            whole = candidates.correlate(view.spectra, np.zeros_like(view.spectra[0]))
+            seen = min(_seen(view.usual, layout, c), _seen(whole, layout, c))
+            return c, changes, False, "" if seen > candidates.LIKELY else "low texture"
     if evidence[best] < candidates.LIKELY:
-        return found[best], True, True, "low texture"
+        changes = static.colored(view.recorded, camera.taper, layout, True) >= limit
+        return found[best], changes, True, "low texture"
     best, ambiguous = candidates.decide(remainder, layout, found, evidence)
     return found[best], True, True, "ambiguous" if ambiguous else ""
+
+
+@kernel
+def _seen(lines: candidates.Correlation, layout: candidates.Layout, displacement: float) -> float:
+    """Return the log-likelihood ratio of texture versus noise at a displacement [nats]."""
+    return candidates.coherent(candidates.against_noise(lines, layout), layout, displacement, 0)
 
 
 @kernel
