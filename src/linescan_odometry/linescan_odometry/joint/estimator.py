@@ -180,7 +180,7 @@ def _estimate(
     found = candidates.find((usual, remainder), layout, camera.weight, last)
     several = layout.lines >= spectra.FEWEST_LINES
     view = View(lines, logs, transformed, found, usual, details, remainder if several else usual)
-    d, moves, shifts, flaw = _choose(view, camera, layout)
+    d, moves, shifts, weak, flaw = _choose(view, camera, layout)
     best = Solution(np.array([d, 0.0]), math.inf, 0.0, 0.0, 0.0, 0.0, logs, pattern)
     if not flaw and (not (shifts and several) or abs(d) * (layout.lines - 1) < _SHIFTED):
         best = slow(view, camera, pattern, layout, (d, known))
@@ -200,7 +200,7 @@ def _estimate(
             pattern.information * kept + best.pattern.information,
             pattern.precision * kept + best.pattern.precision,
         )
-    few = best.features < FEWEST
+    few = weak or best.features < FEWEST
     return Estimate(
         value, best.variance, flaw, best.rest, best.coherence, moves, best.slope, few, pattern
     )
@@ -209,7 +209,7 @@ def _estimate(
 @kernel
 def _choose(
     view: View, camera: Camera, layout: candidates.Layout
-) -> tuple[float, bool, bool, str]:
+) -> tuple[float, bool, bool, bool, str]:
     """Return the candidate for the displacement that explains the lines best.
 
     At rest, the lines minus the mean of all lines are white noise. The vehicle therefore counts as
@@ -245,12 +245,13 @@ def _choose(
             # error of the pattern looks like texture in a view without any.
             whole = candidates.correlate(view.spectra, np.zeros_like(view.spectra[0]))
             seen = min(_seen(view.usual, layout, c), _seen(whole, layout, c))
-            return c, changes, False, "" if seen > candidates.LIKELY else "low texture"
-    if evidence[best] < candidates.LIKELY:
+            return c, changes, False, False, "" if seen > candidates.LIKELY else "low texture"
+    if evidence[best] < limit:
         changes = static.colored(view.recorded, camera.taper, layout, True) >= limit
-        return found[best], changes, True, "low texture"
+        return found[best], changes, True, True, "low texture"
     best, ambiguous = candidates.decide(remainder, layout, found, evidence)
-    return found[best], True, True, "ambiguous" if ambiguous else ""
+    weak = evidence[best] < candidates.LIKELY
+    return found[best], True, True, weak, "ambiguous" if ambiguous else ""
 
 
 @kernel

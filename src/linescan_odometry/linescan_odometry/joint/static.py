@@ -178,9 +178,8 @@ def ground_share(lines: Floats, fixed: Doubles, taper: Floats, layout: Layout) -
     first, use = candidates.bands(layout.size)[1], int(COMPARED * layout.size)
     power = np.abs(spectra.spectra_of(parts, taper, layout.size)[:, first:use]) ** 2
     even = fixed[first:use] + noise_of(lines) * (taper**2).sum() / layout.lines
-    # Information of each frequency: its slope times the share of its power that is not even.
     whole = np.maximum(spectra.smoothed(power[2].astype(np.float64)), 1e-12)
-    weight = np.arange(first, use) ** 2.0 * np.maximum(1.0 - even / whole, 0.0)
+    weight = np.maximum(1.0 - even / whole, 0.0)
     dark = (weight * (power[0] - _HALF * even)).sum()
     bright = (weight * (power[1] - _HALF * even)).sum()
     # The power of noise at one frequency has a standard deviation equal to its mean.
