@@ -108,8 +108,8 @@ def slow(
 
     Over a short distance, and with few lines, ground and pattern cannot be separated. An unknown
     pattern reduces the displacement. The variance therefore includes the displacement that the
-    lines would show if only the explained share of the slow changes, and only the share of the mean
-    line that does not look like dirt, were ground.
+    lines would show if only a share of the mean line were ground: the share of the slow changes
+    that is certainly explained, or the share that does not look like dirt.
 
     Args:
         view: the batch.
@@ -125,8 +125,8 @@ def slow(
     motion, rest, batch, here = _maximize(view, camera, pattern, layout, start, prior)
     share = 1.0 if np.isfinite(motion).all() else 0.0
     if share > 0.0 and layout.lines >= spectra.FEWEST_LINES:
-        share = static.explained(view.spectra - start[1], motion, layout)
-        share *= static.ground_share(rest, prior, camera.taper, layout)
+        least, most = static.explained(view.spectra - start[1], motion, layout)
+        share = max(least, most * static.ground_share(rest, prior, camera.taper, layout))
     if share <= 0.0:
         return Solution(motion, math.inf, 0.0, 0.0, 0.0, 0.0, rest, batch)
     fit = assess(rest, here)

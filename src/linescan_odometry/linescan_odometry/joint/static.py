@@ -115,13 +115,13 @@ def _projected(lines: Any, count: int) -> Any:
 
 @linked
 @kernel
-def explained(lines: Spectrum, motion: Doubles, layout: Layout) -> float:
-    """Return the share of the slow changes of the lines that a displacement explains [1].
+def explained(lines: Spectrum, motion: Doubles, layout: Layout) -> tuple[float, float]:
+    """Return bounds on the share of the slow changes that a displacement explains [1].
 
     Let the mean line be the sum of a ground of power G and a fixed pattern of power B. The pattern
     reduces a slow displacement that is estimated from the whole lines by the factor G / (G + B),
-    and the estimate explains the same share of the changes. A share of 1 is returned if nothing
-    changes significantly, and 0 if the lines change too fast for a slow displacement.
+    and the estimate explains the same share of the changes. The bounds are 0 and 1 if nothing
+    changes significantly, and 0 and 0 if the lines change too fast for a slow displacement.
 
     Args:
         lines: spectra of the lines without the known pattern, shape (m, F).
@@ -144,10 +144,11 @@ def explained(lines: Spectrum, motion: Doubles, layout: Layout) -> float:
     chance = spectra.SIGNIFICANT * noise * math.sqrt(2.0 * slow / use)
     whole = before - slow * noise
     if whole <= chance:
-        return 1.0
+        return 0.0, 1.0
     if fast - (number - slow) * noise > _TOO_FAST * whole + chance:
-        return 0.0
-    return float(min(max((before - after + chance) / whole, 0.0), 1.0))
+        return 0.0, 0.0
+    least, most = (before - after - chance) / whole, (before - after + chance) / whole
+    return float(max(least, 0.0)), float(min(max(most, 0.0), 1.0))
 
 
 @linked
