@@ -120,13 +120,14 @@ def slow(
     """
     gains = max(unequal_pixels(view.logs) * (camera.taper**2).sum(), 1.0 / camera.stated)
     known = start[1].real.astype(np.float64) ** 2 + start[1].imag.astype(np.float64) ** 2
-    prior = 1.0 / (pattern.precision + 1.0 / max(gains, 1e-12))
-    prior += _INEXACT**2 * spectra.smoothed(known)
+    inexact = _INEXACT**2 * spectra.smoothed(known)
+    prior = 1.0 / (pattern.precision + 1.0 / max(gains, 1e-12)) + inexact
+    dirt = 1.0 / np.maximum(pattern.precision, 1e-12) + inexact
     motion, rest, batch, here = _maximize(view, camera, pattern, layout, start, prior)
     share = 1.0 if np.isfinite(motion).all() else 0.0
     if share > 0.0 and layout.lines >= spectra.FEWEST_LINES:
         least, most = static.explained(view.spectra - start[1], motion, layout)
-        share = max(least, most * static.ground_share(rest, prior, camera.taper, layout))
+        share = max(least, most * static.ground_share(rest, prior, dirt, camera.taper, layout))
     if share <= 0.0:
         return Solution(motion, math.inf, 0.0, 0.0, 0.0, 0.0, rest, batch)
     fit = assess(rest, here)

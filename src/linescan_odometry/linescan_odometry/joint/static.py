@@ -153,7 +153,9 @@ def explained(lines: Spectrum, motion: Doubles, layout: Layout) -> tuple[float, 
 
 @linked
 @kernel
-def ground_share(lines: Floats, fixed: Doubles, taper: Floats, layout: Layout) -> float:
+def ground_share(
+    lines: Floats, fixed: Doubles, unknown: Doubles, taper: Floats, layout: Layout
+) -> float:
     """Return the share of the mean line's power that is ground and not dirt [1].
 
     Dirt darkens pixels, and the texture of the ground darkens and brightens them equally. Both are
@@ -164,8 +166,8 @@ def ground_share(lines: Floats, fixed: Doubles, taper: Floats, layout: Layout) -
 
     Args:
         lines: logarithm of the gray levels, minus the fixed pattern, shape (m, n).
-        fixed: expected power of the error of this pattern in the tapered lines, shape (F,); where
-            the pattern is known, dirt is known too.
+        fixed: expected power of unequal pixels that were not subtracted, shape (F,).
+        unknown: largest power of dirt that was not subtracted, shape (F,).
         taper: factor of each pixel before the transform, shape (n,).
         layout: sizes of the batch.
     """
@@ -186,4 +188,6 @@ def ground_share(lines: Floats, fixed: Doubles, taper: Floats, layout: Layout) -
     # The power of noise at one frequency has a standard deviation equal to its mean.
     if bright <= spectra.SIGNIFICANT * _HALF * math.sqrt(((weight * even) ** 2).sum()):
         return 0.0
-    return float(1.0 - max(dark - bright, 0.0) / (max(dark, 0.0) + bright))
+    dirt = max(dark - bright, 0.0) / (max(dark, 0.0) + bright)
+    most = np.minimum(power[2], unknown[first:use])
+    return float(1.0 - min(dirt, (weight * most).sum() / (weight * power[2]).sum()))
