@@ -28,6 +28,7 @@ class Displacement(NamedTuple):
         share: share of the line pairs that were used, 0 to 1.
         slope: standard deviation of the unknown slope of the texture against the direction across
             the axis [1]; motion across the axis falsifies the displacement by it.
+        remark: description of a defect that leaves the lines usable; empty without a defect.
     """
 
     value: float
@@ -36,6 +37,7 @@ class Displacement(NamedTuple):
     rest: Lines | Float32Array
     share: float = 1.0
     slope: float = 0.0
+    remark: str = ""
 
 
 @dataclasses.dataclass(frozen=True)

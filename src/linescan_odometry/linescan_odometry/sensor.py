@@ -262,7 +262,7 @@ class SensorOdometry:
             correlation=displacement.correlation,
             inlier_share=displacement.share,
             measured=True,
-            remark=self._chain.remark,
+            remark="; ".join(filter(None, (self._chain.remark, displacement.remark))),
             static_time=self._static_time(stamp_ns, lines, displacement.value),
             reference_age=age,
             persistence=persistence,

@@ -7,6 +7,8 @@ import numpy as np
 
 from linescan_odometry.joint import candidates, spectra, static
 from linescan_odometry.joint.details import limited, spread
+from linescan_odometry.joint.fit import UNSCALED, Scaling
+from linescan_odometry.joint.heave import Heave
 from linescan_odometry.joint.likelihood import window
 from linescan_odometry.joint.maximum import FEWEST, Camera, Solution, View, moving, slow
 from linescan_odometry.matching.transforms import transform_size
@@ -40,6 +42,7 @@ class Estimate(NamedTuple):
         slope: the attribute `slope` of `Solution` [1].
         few: whether the displacement is based on so few features that another batch must confirm
             it.
+        scaling: change of the scale of the view.
         pattern: fixed pattern after this batch.
     """
 
@@ -51,6 +54,7 @@ class Estimate(NamedTuple):
     moves: bool
     slope: float
     few: bool
+    scaling: Scaling
     pattern: spectra.FixedPattern
 
 
@@ -60,6 +64,7 @@ class JointEstimator:
     Attributes:
         pattern: present estimate of the camera's fixed pattern.
         still: whether only white noise changed the lines of the last batch.
+        heave: variation of the scale of the view.
     """
 
     def __init__(
@@ -91,12 +96,14 @@ class JointEstimator:
         self._camera = Camera(taper, weight, stated, change, fading, widest)
         unknown = spectra.FixedPattern(np.zeros(bins, np.complex64), np.zeros(bins))
         self.pattern = unknown if pattern is None else pattern
+        self.heave = Heave(sensor.line_rate)
         self.reset()
 
     def reset(self) -> None:
         """Discard the last displacement; the next line starts a new sequence."""
         self._last = math.nan
         self.still = False
+        self.heave.reset()
         self._before = math.nan, math.inf  # of the last batch, even if it was not confirmed
 
     def measure(self, lines: Lines, plausibility: Plausibility, stamp_ns: int) -> Displacement:
@@ -128,12 +135,18 @@ class JointEstimator:
                 f"{plausibility.limit:g} m/s^2 since the last measurement"
             )
         self._last = estimate.value
+        self.heave.add(estimate.scaling, len(lines) - 1)
+        value, variance, place = estimate.value, estimate.variance, estimate.scaling.place
+        if self.heave.variance > 0.0:
+            value -= estimate.scaling.change * place  # in the middle of the line
+            variance += estimate.scaling.variance * place**2 + self.heave.variance * value**2
         return Displacement(
-            estimate.value,
-            estimate.variance,
+            value,
+            variance,
             estimate.coherence,
             estimate.rest,
             slope=estimate.slope,
+            remark=self.heave.remark,
         )
 
     def estimate(self, lines: Lines) -> Estimate:
@@ -181,7 +194,7 @@ def _estimate(
     several = layout.lines >= spectra.FEWEST_LINES
     view = View(lines, logs, transformed, found, usual, details, remainder if several else usual)
     d, moves, shifts, weak, flaw = _choose(view, camera, layout)
-    best = Solution(np.array([d, 0.0]), math.inf, 0.0, 0.0, 0.0, 0.0, logs, pattern)
+    best = Solution(np.array([d, 0.0]), math.inf, 0.0, 0.0, 0.0, 0.0, UNSCALED, logs, pattern)
     if not flaw and (not (shifts and several) or abs(d) * (layout.lines - 1) < _SHIFTED):
         best = slow(view, camera, pattern, layout, (d, known))
     parted = False
@@ -202,7 +215,16 @@ def _estimate(
         )
     few = weak or best.features < FEWEST
     return Estimate(
-        value, best.variance, flaw, best.rest, best.coherence, moves, best.slope, few, pattern
+        value,
+        best.variance,
+        flaw,
+        best.rest,
+        best.coherence,
+        moves,
+        best.slope,
+        few,
+        best.scaling,
+        pattern,
     )
 
 

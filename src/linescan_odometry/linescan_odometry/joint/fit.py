@@ -32,6 +32,23 @@ _MEDIAN_SQUARE = 0.455  # median of the square of a standard normal variable
 _CORRELATED = 2  # segments; largest distance at which the errors of two segments are correlated
 
 
+class Scaling(NamedTuple):
+    """Change of the scale of a view, which follows from displacements that grow along the line.
+
+    Attributes:
+        change: change of the scale from line to line, relative to the scale [1].
+        variance: variance of this change [1]; infinite if it is unknown.
+        place: distance from the middle of the line at which the displacement was measured [px].
+    """
+
+    change: float
+    variance: float
+    place: float
+
+
+UNSCALED = Scaling(0.0, math.inf, 0.0)
+
+
 class Fit(NamedTuple):
     """Properties of a displacement at a maximum of the likelihood.
 
@@ -44,6 +61,7 @@ class Fit(NamedTuple):
             energy of the gradients of the noise [1].
         difference: significant part of the difference between two displacements per line, one
             estimated from neighboring lines and one from all lines [px]; at least 0.
+        scaling: change of the scale of the view.
     """
 
     variance: float
@@ -52,6 +70,7 @@ class Fit(NamedTuple):
     coherence: float
     contrast: float
     difference: float
+    scaling: Scaling
 
 
 @kernel
@@ -128,7 +147,31 @@ def assess(lines: Floats, here: Expansion) -> Fit:
     excess = max(offset**2 - spectra.SIGNIFICANT**2 * (scatter * scatter).sum(), 0.0)
     variance += excess
     coherence = moments[1].sum() / max(moments[0].sum(), 1e-9)
-    return Fit(variance, white, features, coherence, contrast, math.sqrt(excess))
+    scaling = _scaling(parts, energy / total, 0.5 * lines.shape[1])
+    return Fit(variance, white, features, coherence, contrast, math.sqrt(excess), scaling)
+
+
+@kernel
+def _scaling(parts: Doubles, share: Doubles, middle: float) -> Scaling:
+    """Return the change of the scale of the view, by regression of displacements on their places.
+
+    Args:
+        parts: properties of each ground segment from `_places`, shape (p, 5).
+        share: share of each segment in the coherent energy [1], shape (p,).
+        middle: middle of the line [px].
+    """
+    places = parts[:, 4] / np.where(parts[:, 1] > 0.0, parts[:, 1], math.inf)
+    place = (share * places).sum()
+    lever = places - place
+    spread = (share * lever * lever).sum()
+    concentration = (share * share).sum()
+    if not (spread > 0.0 and 0.0 < concentration < 0.5):
+        return UNSCALED
+    own = parts[:, 0] - share * parts[:, 0].sum()
+    change = (lever * own).sum() / spread
+    left = lever * (own - share * lever * change)
+    variance = (left * left).sum() / spread**2 / (1.0 - 2.0 * concentration)
+    return Scaling(change, variance, place - middle)
 
 
 @kernel
@@ -204,11 +247,12 @@ def _moved(here: Expansion) -> tuple[Spectrum, float]:
 
 @kernel
 def _places(here: Expansion, moved: Spectrum, weight: Doubles, pixels: int) -> Doubles:
-    """Return four properties of each of the p ground segments, shape (p, 4).
+    """Return five properties of each of the p ground segments, shape (p, 5).
 
     Column 0 is the contribution to the Newton step in the displacement d per line [px]. Columns 1
     and 2 are the coherent and the total energy. Column 3 is the derivative of the log-likelihood
-    with respect to d, computed from neighboring lines alone.
+    with respect to d, computed from neighboring lines alone. Column 4 is the coherent energy times
+    the pixel at which it is seen.
 
     Each property is a sum of products of lines over the grid points in a segment. The grid is as
     coarse as the highest frequency allows. The energy is the information
@@ -237,7 +281,7 @@ def _places(here: Expansion, moved: Spectrum, weight: Doubles, pixels: int) -> D
     seen = int(cut.length * scale)
     lowest = math.floor(cut.ground.min() * PLACES / pixels)
     highest = math.floor((cut.ground.max() + cut.length) * PLACES / pixels)
-    parts = np.zeros((highest - lowest + 1, 4))
+    parts = np.zeros((highest - lowest + 1, 5))
     for block in range(len(cut.first) - 1):
         sums = _summed(space, cut.first[block], cut.first[block + 1], seen)
         for p in range(len(parts)):
@@ -246,6 +290,7 @@ def _places(here: Expansion, moved: Spectrum, weight: Doubles, pixels: int) -> D
             j = max(i, min(seen, math.ceil(begin + pixels / PLACES * scale)))
             for which in range(4):
                 parts[p, which] += sums[which, i:j].sum()
+            parts[p, 4] += (sums[1, i:j] * (cut.pixel[block] + np.arange(i, j) / scale)).sum()
     # The inverse transform weights every frequency by 2 / size.
     parts *= 0.5 * size
     return parts

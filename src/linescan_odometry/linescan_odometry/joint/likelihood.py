@@ -52,6 +52,7 @@ class Cut(NamedTuple):
         line: index of the line in each row, shape (t,).
         first: row of each block's first line, then the number of rows t, shape (blocks + 1,).
         ground: ground position at which each block begins [px], shape (blocks,).
+        pixel: pixel at which each block begins, mean over its lines, shape (blocks,).
         length: length of the cut lines [px].
         size: length of the Fourier transform [px].
     """
@@ -60,6 +61,7 @@ class Cut(NamedTuple):
     line: NDArray[np.int64]
     first: NDArray[np.int64]
     ground: Doubles
+    pixel: Doubles
     length: int
     size: int
 
@@ -281,7 +283,7 @@ def _cut(lines: Floats, paths: Doubles, limit: int) -> Cut:
     largest = max(np.abs(np.diff(paths)).max(), 1e-6)
     per = max(2, min(m, 1 + int(limit / largest)))
     blocks = -(-(m - 1) // (per - 1))
-    first, ground = np.zeros(blocks + 1, np.int64), np.zeros(blocks)
+    first, (ground, pixel) = np.zeros(blocks + 1, np.int64), np.zeros((2, blocks))
     rows = m - 1 + blocks
     line, begin, fraction = np.zeros(rows, np.int64), np.zeros(rows, np.int64), np.zeros(rows)
     for block in range(blocks):
@@ -294,6 +296,7 @@ def _cut(lines: Floats, paths: Doubles, limit: int) -> Cut:
         fraction[i:j] = path - shift
         first[block + 1] = j
         ground[block] = paths[start] + shift.max()
+        pixel[block] = shift.max() - path.mean()
         length = max(0, min(length, n - begin[i:j].max()))
     part = np.zeros((rows, max(length, 1)), np.float32)
     for r in range(rows):
@@ -301,7 +304,7 @@ def _cut(lines: Floats, paths: Doubles, limit: int) -> Cut:
     size = transform_size(max(length, 16))
     cut = spectra.spectra_of(part, window(part.shape[1]), size)
     cut *= phases(fraction, size, cut.shape[1])
-    return Cut(cut, line, first, ground, length, size)
+    return Cut(cut, line, first, ground, pixel, length, size)
 
 
 @spectra.fast

@@ -1,0 +1,71 @@
+"""Heave: changes of the height of a camera above the ground, seen in the scale of its view.
+
+An ordinary lens shows the ground larger when it comes nearer, so the measured velocity changes by
+the same share as the scale. Within a batch, the change of the scale is measured: displacements grow
+along the line. The integral of the changes is the scale itself, except for slow changes and a
+constant. The prior variance of a change is its mean square in earlier batches (empirical Bayes); it
+is 0 while this mean square may be due to the errors alone.
+"""
+
+import math
+
+from linescan_odometry.joint.fit import Scaling
+from linescan_odometry.joint.spectra import SIGNIFICANT
+
+_SETTLING = 0.1  # s; slower changes of the scale, as of the load, are not told from a drift
+_MEMORY = 0.5  # s; time constant with which earlier scales lose weight
+
+
+class Heave:
+    """Measures how much the scale of a camera's view varies.
+
+    Attributes:
+        variance: variance of the scale, relative to its mean [1]; 0 if it does not vary
+            significantly.
+    """
+
+    def __init__(self, line_rate: float) -> None:
+        """Create the measurement for a camera with a line rate [1/s]."""
+        self._line_rate = line_rate
+        self.variance = 0.0
+        # Sums over earlier batches: number, squared changes, their errors, squared scales.
+        self._weight = self._changes = self._errors = self._square = 0.0
+        self.reset()
+
+    @property
+    def remark(self) -> str:
+        """Description of the variation; empty if it is not significant."""
+        percent = 100.0 * math.sqrt(self.variance)
+        return f"heave: the scale of the view varies by {percent:.2g} %" if percent else ""
+
+    def reset(self) -> None:
+        """Discard the present scale; what is known of its variance remains."""
+        self._scale = self._error = 0.0  # scale minus 1, and the variance of its error
+
+    def add(self, scaling: Scaling, lines: int) -> None:
+        """Add the change of the scale within a batch.
+
+        Args:
+            scaling: change of the scale from line to line.
+            lines: number of line periods of the batch.
+        """
+        if not math.isfinite(scaling.variance):
+            self.reset()
+            return
+        duration = lines / self._line_rate
+        kept, settled = math.exp(-duration / _MEMORY), math.exp(-duration / _SETTLING)
+        change, error = lines * scaling.change, lines**2 * scaling.variance
+        self._weight = kept * self._weight + 1.0
+        self._changes = kept * self._changes + change**2
+        self._errors = kept * self._errors + error
+        limit = 1.0 + SIGNIFICANT**2 / math.sqrt(self._weight)
+        prior = 0.0
+        if self._changes > limit * self._errors:
+            prior = (self._changes - self._errors) / self._weight
+        share = prior / (prior + error) if prior > 0.0 else 0.0
+        change, error = share * change, share * error  # posterior mean and variance
+        middle = (self._scale + 0.5 * change) ** 2 + self._error + 0.25 * error
+        self._scale = settled * (self._scale + change)
+        self._error = settled**2 * (self._error + error)
+        self._square = kept * self._square + middle
+        self.variance = self._square / self._weight if prior > 0.0 else 0.0
