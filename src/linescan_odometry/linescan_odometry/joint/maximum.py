@@ -21,8 +21,8 @@ long.
 # Gradient energy over noise. Below it, an oblique texture such as wood is not noticed by its
 # persistence. The slope of joints and grain is then unknown.
 _LEAST_CONTRAST = 0.1
-# Standard deviation of a learned pattern, relative to the pattern [1]. Where dirt absorbs light, the
-# mean of the logarithm also depends on the contrast of the ground over which it was learned.
+# Standard deviation of a learned pattern, relative to the pattern [1]. Where dirt absorbs light,
+# the mean of the logarithm also depends on the contrast of the ground.
 _INEXACT = 0.03
 _SLOPE = 0.3  # standard deviation of this slope [1], from floors of bricks, tiles and slabs
 
