@@ -11,6 +11,7 @@ frequencies.
 """
 
 import math
+
 import numpy as np
 
 from linescan_odometry.joint import candidates, spectra
