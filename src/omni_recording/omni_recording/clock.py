@@ -9,6 +9,9 @@ import dataclasses
 
 from omni_core.quantities import SECOND_NS
 
+SHARED_TOPICS = frozenset({"/diagnostics", "/parameter_events", "/rosout", "/tf", "/tf_static"})
+"""Topics on which several nodes may publish, so the stamps need not be in order"""
+
 _STEP_NS = SECOND_NS // 8
 """Smallest step of a clock [ns]: NTP corrects smaller errors by the rate of the clock (STEPT of RFC
 5905)."""
@@ -86,8 +89,10 @@ class ClockWatch:
         step = delay - (self._before[1] - self._before[0]) if self._number else 0
         self._look_back(time_ns, log_ns)
         self._look_ahead(delay, step, log_ns)
-        self._newest = sorted((*self._newest, time_ns))[-2:]
-        self._delays = sorted((*self._delays, delay))[:2]
+        if len(self._newest) < 2 or time_ns > self._newest[0]:
+            self._newest = sorted((*self._newest, time_ns))[-2:]
+        if len(self._delays) < 2 or delay < self._delays[1]:
+            self._delays = sorted((*self._delays, delay))[:2]
         self._before, self._delay_step = (time_ns, log_ns), step
         self._number += 1
 

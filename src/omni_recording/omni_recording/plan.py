@@ -5,13 +5,12 @@ from collections.abc import Mapping
 
 from omni_core.configuration import Configuration, ConfigurationError, check_choice, parameter
 from omni_core.quantities import LARGEST_OFFSET, SECOND_NS
+from omni_recording.clock import SHARED_TOPICS
 from omni_recording.definitions import MessageDefinition
 from omni_recording.write import COMPRESSIONS, Rosbag2Writer
 from omni_ros.messages import leading_stamp
 
 RELIABILITIES = ("reliable", "best_effort")
-# Topics on which several nodes may publish, so the stamps need not be in order.
-SHARED_TOPICS = frozenset({"/diagnostics", "/parameter_events", "/rosout", "/tf", "/tf_static"})
 
 _HELD_BACK_NS = SECOND_NS  # delay for sorting the messages of a shared topic by stamp
 

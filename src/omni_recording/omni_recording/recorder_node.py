@@ -15,7 +15,7 @@ from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
 from omni_core.configuration import ConfigurationError
-from omni_recording import definitions, plan, write
+from omni_recording import clock, definitions, plan, write
 from omni_recording.metadata import RecordedQos, RecordedTopic
 from omni_recording.transforms import ODOMETRY_TYPE, RecordedTransforms
 from omni_ros import parameters, process, publisher_guard
@@ -75,7 +75,7 @@ class RecorderNode(Node):
             )
             callback = partial(self._on_message, topic)
             subscription = self.create_subscription(classes[kind], topic, callback, qos, raw=True)
-            if topic not in plan.SHARED_TOPICS:
+            if topic not in clock.SHARED_TOPICS:
                 guarded.append(subscription)
         self._guard = publisher_guard.PublisherGuard(self, guarded)
         self._strict = configuration.strict

@@ -37,9 +37,13 @@ def limited(logs: Floats) -> Floats:
         for i in range(n):
             row[i] = own[i] - mean[i]
             total[i + 1] = total[i] + row[i]
-        for i in range(n):
-            first, last = max(0, i - reach), min(n, i + reach + 1)
-            row[i] -= (total[last] - total[first]) / (last - first)
+        # Slices with the same index need no check of their bounds, so the division is vectorized.
+        inner, ahead = row[reach : n - reach], total[2 * reach + 1 :]
+        for i in range(len(inner)):
+            inner[i] -= (ahead[i] - total[i]) / (2 * reach + 1)
+        for i in range(min(reach, n - reach)):
+            row[i] -= total[i + reach + 1] / (i + reach + 1)
+            row[n - 1 - i] -= (total[n] - total[n - 1 - i - reach]) / (i + reach + 1)
     limit = np.median(np.abs(details.ravel()[::_SAMPLED]))
     for k in range(m):
         row = details[k]
@@ -68,8 +72,14 @@ def spread(details: Floats, motion: Doubles) -> float:
         step = paths[k] - paths[k + 1]
         whole = math.floor(step)
         share = step - whole
+        place, total = 0, shared[0]
         for i in range(max(0, -whole), min(n, n - 1 - whole)):
             there = (1.0 - share) * after[i + whole] + share * after[i + whole + 1]
-            shared[int((i + paths[k] - lowest) / length)] += row[i] * there
+            segment = int((i + paths[k] - lowest) / length)
+            if segment != place:
+                shared[place] = total
+                place, total = segment, shared[segment]
+            total += row[i] * there
+        shared[place] = total
     shared = np.maximum(shared, 0.0)
     return float(shared.sum() ** 2 / max((shared * shared).sum(), 1e-12))

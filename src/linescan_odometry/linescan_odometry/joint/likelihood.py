@@ -134,9 +134,10 @@ def covariance(
     far = min(np.diff(first).max() - 1, _COHERENCE_LAG)
     sums, number = _products(aligned.view(np.float32), first, far, 2 * edges[-1])
     model, moments = np.empty((3, count)), np.empty((2, count))
+    mean = np.empty(3)
     for b in range(count):
-        mean = np.zeros(3)
         for which in range(3):
+            mean[which] = 0.0
             for f in range(2 * edges[b], 2 * edges[b + 1]):
                 mean[which] += sums[which, f]
             mean[which] /= max(number[which], 1.0) * (edges[b + 1] - edges[b])

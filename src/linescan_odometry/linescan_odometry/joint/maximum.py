@@ -215,7 +215,8 @@ def _maximize(
             batch = observe(view.spectra, pattern, paths, layout.size)
             together = learned.information + batch.information
             pattern = spectra.shrink(together, learned.precision + batch.precision)
-        rest = without(view.logs, pattern, camera.taper, layout.size)
+        if parted or number == 0:
+            rest = without(view.logs, pattern, camera.taper, layout.size)
         here = expand(rest, fixed, motion, layout.limit, camera.change)
         motion = motion + here.step
         # The first pattern is estimated at the candidate, so at least two steps are needed. After a

@@ -11,7 +11,6 @@ frequencies.
 """
 
 import math
-from typing import Any
 
 import numpy as np
 
@@ -98,18 +97,21 @@ def colored(lines: Lines, taper: Floats, layout: Layout, slowly: bool) -> float:
 
 
 @kernel
-def _projected(lines: Any, count: int) -> Any:
+def _projected(lines: Floats, count: int) -> Floats:
     """Return the lines, weighted with cosines of 1 to `count` half periods per batch and summed.
 
-    The weights are orthonormal. The argument `lines` has the shape (m, ...); the result has the
-    shape (count, ...) and the same type.
+    The weights are orthonormal. The argument `lines` has the shape (m, n), and the result has the
+    shape (count, n). Spectra are given and returned as their real and imaginary parts.
     """
     m = len(lines)
-    sums = np.zeros((count, lines.shape[1]), lines.dtype)
+    sums = np.zeros((count, lines.shape[1]), np.float32)
     for j in range(count):
+        total = sums[j]
         for k in range(m):
             angle = math.pi * (j + 1) * (k + 0.5) / m
-            sums[j] += np.float32(math.sqrt(2.0 / m) * math.cos(angle)) * lines[k]
+            weight, own = np.float32(math.sqrt(2.0 / m) * math.cos(angle)), lines[k]
+            for i in range(len(own)):
+                total[i] += weight * own[i]
     return sums
 
 
@@ -136,8 +138,9 @@ def explained(lines: Spectrum, motion: Doubles, layout: Layout) -> tuple[float, 
     seen[:, 0] = 0.0
     slow = min(_SLOW, m - 1)
     number = max(slow, min(_FAST, m // 2))
-    changes = np.abs(_projected(seen, number)) ** 2
-    after = (np.abs(_projected(seen * turn, slow)) ** 2).sum()
+    changes = np.abs(_projected(seen.view(np.float32), number).view(np.complex64)) ** 2
+    shifted = (seen * turn).view(np.float32)
+    after = (np.abs(_projected(shifted, slow).view(np.complex64)) ** 2).sum()
     before, fast = changes[:slow].sum(), changes[slow:].sum()
     total = (np.abs(seen - seen.sum(axis=0) / np.float32(m)) ** 2).sum()
     noise = (total - before - fast) / max(m - 1 - number, 1)  # of each mode

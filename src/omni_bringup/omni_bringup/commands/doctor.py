@@ -94,8 +94,9 @@ def _complete(name: str) -> str:
         package = metadata.distribution(name)
     except metadata.PackageNotFoundError:
         raise TroubleError(f"{name} is not installed; {_AGAIN}") from None
+    folder = str(package.locate_file(""))
     for path, _, size in csv.reader((package.read_text("RECORD") or "").splitlines()):
-        file = str(package.locate_file(path))
+        file = os.path.join(folder, path)
         if size and (not os.path.exists(file) or os.path.getsize(file) != int(size)):
             raise TroubleError(f"{name} is incomplete ({file}); {_AGAIN}")
     return package.version

@@ -1,12 +1,12 @@
 """Check of a recording, which reads every byte and decodes every message of a known type."""
 
 import dataclasses
+from collections import defaultdict
 from collections.abc import Mapping
 from pathlib import Path
 
 from omni_recording import clock, decode, folder, mcap
 from omni_recording.error import McapError
-from omni_recording.plan import SHARED_TOPICS
 
 
 @dataclasses.dataclass(frozen=True)
@@ -51,7 +51,8 @@ class _Findings:
         self._problems: list[str] = []
         self._remarks: list[str] = []
         self._undecoded: dict[str, tuple[int, str]] = {}
-        self._clocks: dict[tuple[str, str], clock.ClockWatch] = {}  # by topic and kind of time
+        # By topic and kind of time.
+        self._clocks: defaultdict[tuple[str, str], clock.ClockWatch] = defaultdict(clock.ClockWatch)
 
     def read(self, file: Path) -> None:
         reader = mcap.McapMessages(file)
@@ -101,7 +102,7 @@ class _Findings:
             found = {
                 jump.number: f"{topic}: {jump} by the {kind}: split the recording there"
                 for kind in ("log times", "stamps in the headers")
-                for jump in self._clocks.get((topic, kind), clock.ClockWatch()).jumps
+                for jump in self._clocks[topic, kind].jumps
             }
             self._problems.extend(found.values())
         if not any(self._counts.values()):
@@ -130,11 +131,11 @@ class _Findings:
             return
         stamp_ns = decode.header_stamp_ns(decoded)
         # Of several publishers, one that hung is late, not the clock.
-        if stamp_ns is not None and message.channel.topic not in SHARED_TOPICS:
+        if stamp_ns is not None and message.channel.topic not in clock.SHARED_TOPICS:
             self._watch(message.channel.topic, "stamps in the headers", stamp_ns, message.log_ns)
 
     def _watch(self, topic: str, kind: str, time_ns: int, log_ns: int) -> None:
-        self._clocks.setdefault((topic, kind), clock.ClockWatch()).add(time_ns, log_ns)
+        self._clocks[topic, kind].add(time_ns, log_ns)
 
     def _compare_summary(self, file: Path, counts: Mapping[str, int]) -> None:
         summary = mcap.read_summary(file)
