@@ -65,6 +65,17 @@ class Described:
         return {**values, "length": rounded(length), "width": rounded(width)}
 
     @property
+    def body(self) -> dict[str, float]:
+        """Values of the body in the vehicle's file, except its mass."""
+        values: dict[str, float] = {}
+        if self.center is not None:
+            x, y, height = map(rounded, self.center.tolist())
+            values = {"x": x, "y": y, "height": max(height, 0.0)}
+        if self.yaw_inertia is not None:
+            values["yaw_inertia"] = rounded(self.yaw_inertia)
+        return values
+
+    @property
     def chassis_center(self) -> FloatArray:
         """Center of the chassis in base_link [m], shape (2,)."""
         return np.asarray(self._extent.mean(axis=0))

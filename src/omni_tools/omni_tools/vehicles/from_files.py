@@ -13,6 +13,8 @@ from omni_tools.robot_files.links import Robot, roll_pitch_yaw
 from omni_tools.robot_files.xacro_files import read_description
 from omni_tools.vehicles.estimates import KnownValues, Measured
 
+# Keys of the vehicle's file whose source is the user if an option gives their value.
+_KEYS = {"mass": "body.", "length": "chassis_length", "width": "chassis_width"}
 _ROUNDING = 1e-4  # offset of the chassis that is not written [m]
 _WIDTH = 110  # characters of a line of comment
 _PARAMETERS = (".yaml", ".yml")
@@ -84,19 +86,16 @@ def known_values(name: str, found: Described, measured: Measured) -> KnownValues
         wheel: {**values, "radius": values.get("radius", measured.wheel_radius)}
         for wheel, values in found.wheels.items()
     }
-    sources = dict(found.sources)
-    body: dict[str, Any] = {}
-    if found.center is not None and found.mass == measured.mass:
-        x, y, height = (rounded(float(value)) for value in found.center)
-        body = {"x": x, "y": y, "height": max(height, 0.0)}
-        sources["body.height"] = sources["body.mass"]
-    if found.yaw_inertia is not None and found.mass == measured.mass:
-        body["yaw_inertia"] = rounded(found.yaw_inertia)
-    vehicle: dict[str, Any] = {"wheels": wheels, "body": body}
+    described = found.measured
+    given = tuple(key for one, key in _KEYS.items() if getattr(measured, one) != described.get(one))
+    sources = {key: text for key, text in found.sources.items() if not key.startswith(given)}
+    vehicle: dict[str, Any] = {"wheels": wheels}
+    if found.mass == measured.mass:  # otherwise the user's, of which the files know no distribution
+        vehicle["body"] = found.body
     for key, value in zip(("chassis_x", "chassis_y"), found.chassis_center, strict=True):
         if abs(value) > _ROUNDING:
             vehicle[key] = rounded(float(value))
-            sources[key] = sources.get("chassis_length", "")
+            sources[key] = found.sources.get("chassis_length", "")
     if found.wheel_inertia is not None:
         vehicle["wheel_inertia"] = max(rounded(found.wheel_inertia), 1e-6)
     problems = [f"contradiction: {one}" for one in found.contradictions]
