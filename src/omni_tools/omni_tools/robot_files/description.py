@@ -253,29 +253,35 @@ def _ask_about_directions(
 ) -> None:
     """List wheels that roll sideways, or backward for a positive speed, by their axis."""
     assumed = {} if controller is None else controller.assumed
+    if controller is None and found.kind == MECANUM and _are_parallel(wheels):
+        assumed = {wheel.joint: (0.0, 1.0) for wheel in wheels}
     difference = {
         wheel.joint: abs(wrapped(wheel.heading_deg - assumed[wheel.joint][0]))
         for wheel in wheels
         if wheel.joint in assumed
     }
-    sideways = [name for name, angle in difference.items() if 45.0 <= angle <= 135.0]
-    backward = [name for name, angle in difference.items() if angle > 135.0]
+    sideways = ", ".join(name for name, angle in difference.items() if 45.0 <= angle <= 135.0)
+    backward = ", ".join(name for name, angle in difference.items() if angle > 135.0)
+    correct = "correct <axis> of the joint, which is 1 0 0 if the file does not name it"
+    by_hand = "turn these wheels forward by hand and look at the sign of their velocity"
     if sideways and controller is not None:
         found.contradictions.append(
-            f"{', '.join(sideways)}: the axis in {file} is not across the direction in which "
-            f"{controller.name} rolls the wheel; used: {controller.name}; correct <axis> of the "
-            "joint, which is 1 0 0 if the file does not name it"
+            f"{sideways}: the axis in {file} is not across the direction in which "
+            f"{controller.name} rolls the wheel; used: {controller.name}; {correct}"
         )
-    by_hand = "turn these wheels forward by hand and look at the sign of their velocity"
+    elif sideways:
+        found.questions.append(
+            f"by their axes, {sideways} roll along y of base_link, as heading_deg says: does x "
+            f"point forward? (otherwise turn base_link; or {correct})"
+        )
     if backward and controller is not None:
         found.contradictions.append(
-            f"{', '.join(backward)}: a positive speed is forward for {controller.name}, but "
+            f"{backward}: a positive speed is forward for {controller.name}, but "
             f"backward by the axis in {file}; used: {controller.name}; {by_hand}"
         )
-    turned_back = [n for n, one in found.wheels.items() if abs(one.get("heading_deg", 0.0)) > 90.0]
-    if turned_back and controller is None and found.kind == MECANUM:
+    elif backward:
         found.questions.append(
-            f"by their axes, {', '.join(turned_back)} roll backward for a positive speed, as "
+            f"by their axes, {backward} roll backward for a positive speed, as "
             f"heading_deg says: do their encoders count so? ({by_hand})"
         )
 

@@ -253,6 +253,14 @@ def test_a_forgotten_axis_is_listed_and_the_direction_of_the_controller_used(
         assert wheel["roller_angle_deg"] == right.wheels[name]["roller_angle_deg"]
 
 
+def test_wheels_that_roll_along_y_by_their_axes_are_asked_about(described: Write) -> None:
+    found = described(mecanum_urdf().replace('<axis xyz="0 1 0"/>', ""))
+    assert {wheel["heading_deg"] for wheel in found.wheels.values()} == {-90.0}
+    words = "by their axes, fl_joint, fr_joint, rl_joint, rr_joint roll along y of base_link"
+    (asked,) = [one for one in found.questions if words in one]
+    assert "does x point forward?" in asked
+
+
 def test_axles_above_the_ground_and_impossible_inertias_are_listed(described: Write) -> None:
     urdf = mecanum_urdf(height=0.08).replace('iyy="0.0006"', 'iyy="1"')
     listed = described(urdf, CONTROLLER).contradictions
