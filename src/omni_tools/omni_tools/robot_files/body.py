@@ -9,7 +9,7 @@ import numpy as np
 
 from omni_core.quantities import plain
 from omni_tools.robot_files.controllers import DIFFERENT, wrapped
-from omni_tools.robot_files.described import INVALID, Described, mean_radius, rounded, some
+from omni_tools.robot_files.described import INVALID, Described, rounded, some
 from omni_tools.robot_files.links import Robot
 from omni_tools.robot_files.wheels import Wheels
 
@@ -22,9 +22,9 @@ _SPAN = 0.5  # smallest plausible ratio of the chassis to the wheelbase, or to t
 
 def ground_height(found: Described, robot: Robot, wheels: Wheels) -> float | None:
     """Return the height of the ground in base_link [m]; None if no radius is known."""
-    radius = mean_radius(found)
-    if not radius:
+    if not found.radii:
         return None
+    radius = float(np.mean(found.radii))
     axle = float(np.mean([wheel.place[2] for wheel in wheels]))
     footprint = next((name for name in robot.links if name.endswith("footprint")), None)
     if footprint is not None:
@@ -60,7 +60,7 @@ def weigh(found: Described, robot: Robot, wheels: Wheels, ground: float | None) 
     yaw = float(inertia[2, 2])
     found.yaw_inertia = _possible(found, "body.yaw_inertia", yaw, mass * reach**2, source)
     own, of_wheel = np.mean([(wheel.inertia, wheel.mass) for wheel in wheels], axis=0).tolist()
-    ring, source = of_wheel * mean_radius(found) ** 2, f"links of {robot.file}"
+    ring, source = of_wheel * max(found.radii, default=0.0) ** 2, f"links of {robot.file}"
     found.wheel_inertia = _possible(found, "wheel_inertia", own, ring, source)
 
 

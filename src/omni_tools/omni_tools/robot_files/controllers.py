@@ -154,13 +154,17 @@ def read_controllers(path: Path) -> list[Controller]:
     Raises:
         ConfigurationError: the file is not YAML, or a parameter of such a controller is invalid.
     """
+    sections: dict[str, dict[str, Any]] = {}
+    for key, value in _flat(read_mapping(path, "--from")):
+        section, is_parameter, parameter = key.partition("/ros__parameters/")
+        if is_parameter:
+            sections.setdefault(section, {})[parameter.replace("/", ".")] = value
     nodes: dict[str, dict[str, Any]] = {}
-    for path_of_node, values in _nodes(read_mapping(path, "--from"), ""):
-        name = path_of_node.rpartition("/")[2]
+    for section, values in sections.items():
         # Sections such as /**/drive and /drive may give parts of the same node.
-        known = nodes.setdefault(name, {})
+        known = nodes.setdefault(section.rpartition("/")[2], {})
         if any(known.get(key, value) != value for key, value in values.items()):
-            known = nodes.setdefault(path_of_node, {})
+            known = nodes.setdefault(section, {})
         known |= values
     types = {
         key.removesuffix(".type"): str(value)
@@ -183,19 +187,11 @@ def read_controllers(path: Path) -> list[Controller]:
     return found
 
 
-def _nodes(tree: Mapping[str, Any], above: str) -> Iterator[tuple[str, dict[str, Any]]]:
-    """Yield the path and the parameters, keyed by dotted name, of each node of a parameter file."""
+def _flat(tree: Mapping[str, Any], above: str = "") -> Iterator[tuple[str, Any]]:
+    """Yield the path and the value of each parameter of a file."""
     for name, value in tree.items():
-        if name == "ros__parameters" and isinstance(value, Mapping):
-            yield above, dict(_flat(value, ""))
-        elif isinstance(value, Mapping):
-            yield from _nodes(value, f"{above}/{name}".replace("//", "/"))
-
-
-def _flat(tree: Mapping[str, Any], above: str) -> Iterator[tuple[str, Any]]:
-    for name, value in tree.items():
-        key = f"{above}{name}"
-        yield from _flat(value, f"{key}.") if isinstance(value, Mapping) else ((key, value),)
+        key = f"{above}/{name}"
+        yield from _flat(value, key) if isinstance(value, Mapping) else ((key, value),)
 
 
 def _kind(declared: str, values: Mapping[str, Any]) -> str:

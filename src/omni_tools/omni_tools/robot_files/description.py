@@ -102,9 +102,8 @@ def _of_controller(controller: Controller | None, radius: float | None) -> Descr
         )
     found = Described(kind=controller.kind)
     for name, mount in mounts.items():
-        angles = {"heading_deg": mount.heading_deg, "roller_angle_deg": mount.roller_angle_deg}
-        values = {"x": mount.x, "y": mount.y, **angles, "radius": mount.radius}
-        found.wheels[name] = {key: round(value, 6) + 0.0 for key, value in values.items()}
+        keys = ("x", "y", "heading_deg", "roller_angle_deg", "radius")
+        found.wheels[name] = {key: round(getattr(mount, key), 6) + 0.0 for key in keys}
     found.sources["wheels"] = f"{controller.name}, which assumes the roller directions"
     found.questions += [_ROLLERS] * (found.kind == MECANUM)
     found.questions.append(

@@ -1,12 +1,13 @@
 """Files of a vehicle from the files of a robot."""
 
+import itertools
 import textwrap
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 from omni_core.configuration import ConfigurationError
-from omni_tools.robot_files.controllers import Controller, read_controllers
+from omni_tools.robot_files.controllers import read_controllers
 from omni_tools.robot_files.described import Described, rounded
 from omni_tools.robot_files.description import describe
 from omni_tools.robot_files.links import Robot, roll_pitch_yaw
@@ -43,16 +44,8 @@ def described_vehicle(
     pairs = (word.partition(":=") for word in words if ":=" in word)
     arguments = {name: value for name, _, value in pairs}
     paths = [Path(word) for word in words if ":=" not in word]
-    controllers: list[Controller] = []
-    descriptions: list[Path] = []
-    without: list[str] = []
-    for path in paths:
-        if path.suffix.lower() in _PARAMETERS:
-            drives = read_controllers(path)
-            controllers += drives
-            without += [] if drives else [path.name]
-        else:
-            descriptions.append(path)
+    read = {one: read_controllers(one) for one in paths if one.suffix.lower() in _PARAMETERS}
+    descriptions = [path for path in paths if path not in read]
     if len(descriptions) > 1:
         names = ", ".join(path.name for path in descriptions)
         problem = f"{names} are several robots, each with a base_link; give the file of one"
@@ -61,15 +54,16 @@ def described_vehicle(
     for path in descriptions:
         lacking = skipped if skip_missing else None
         robot = Robot(path.name, read_description(path, arguments, trust, lacking))
-    found = describe(robot, controllers, kind, radius)
+    found = describe(robot, list(itertools.chain(*read.values())), kind, radius)
     found.questions += [
         f"the package {package} is left out: which masses, shapes and sensors does it add?"
         for package in dict.fromkeys(skipped)
     ]
     found.questions += [
-        f"{name} contains no known controller of omni-wheels: which file has the radius of the "
-        "wheels and their distances?"
-        for name in without
+        f"{path.name} contains no known controller of omni-wheels: which file has the radius of "
+        "the wheels and their distances?"
+        for path, controllers in read.items()
+        if not controllers
     ]
     return found
 
