@@ -28,7 +28,13 @@ from omni_tools.robot_files.controllers import (
 )
 from omni_tools.robot_files.described import INVALID, PARALLEL, Described
 from omni_tools.robot_files.links import Robot
-from omni_tools.robot_files.wheels import Wheels, base_link, described_wheels, matched
+from omni_tools.robot_files.wheels import (
+    Wheels,
+    base_link,
+    described_wheels,
+    matched,
+    possibly_steering,
+)
 
 _RADII = 1e-3, 1.0  # radii of omni-wheels in use [m]
 _UNITS = {"millimeters": 1000.0, "inches": 1.0 / 0.0254}  # lengths of a meter
@@ -67,6 +73,12 @@ def describe(
     found = Described()
     found.kind = _kind(found, wheels, controller, kind)
     _place_wheels(found, robot.file, wheels, controller, radius)
+    steering = possibly_steering(robot, wheels)
+    if steering and _are_parallel(wheels):
+        found.questions.append(
+            f"the fixed joints {', '.join(steering)} have a vertical axis and hold a wheel each: "
+            "are the wheels steered? The files of a vehicle from --from describe fixed ones"
+        )
     if controller is not None:
         compare(found, robot, wheels, controller)
     ground = ground_height(found, robot, wheels)

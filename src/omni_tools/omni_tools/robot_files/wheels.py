@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections import Counter
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -54,7 +55,7 @@ Wheels = Sequence[DescribedWheel]
 
 def base_link(robot: Robot, controller: Controller | None) -> str:
     """Return the link that is base_link: of this name, or the controller's, or the root."""
-    named = [name for name in robot.links if re.fullmatch(r"(.*[/_])?base_link", name)]
+    named = [name for name in robot.links if name.endswith("base_link")]
     driven = "" if controller is None else controller.base
     # The others are those of an arm.
     above = [one for one in named if set(named) <= set(robot.below(one))]
@@ -157,13 +158,31 @@ def _outermost(robot: Robot, joints: Sequence[Joint]) -> list[Joint]:
 
 def _check_not_steered(robot: Robot, wheel: Joint) -> None:
     for joint in robot.chain(wheel.parent):
-        upright = abs(float((robot.pose(joint.child)[:3, :3] @ joint.axis)[2]))
-        if joint.kind in _MOVING and upright > 1.0 - _UPRIGHT:
+        if joint.kind in _MOVING and _is_upright(robot, joint):
             raise ConfigurationError(
                 "--from",
                 f"the wheel {wheel.name} of {robot.file} is steered by the joint {joint.name}; "
                 "the files of a vehicle describe wheels of a fixed direction",
             )
+
+
+def possibly_steering(robot: Robot, wheels: Wheels) -> list[str]:
+    """Return the fixed joints with a vertical axis that hold one wheel each.
+
+    Simulations of vehicles with steered wheels fix these joints.
+    """
+    above = Counter(
+        joint.name
+        for wheel in wheels
+        for joint in robot.chain(robot.joints[wheel.joint].parent)
+        if joint.kind == "fixed" and _is_upright(robot, joint)
+    )
+    return [name for name in robot.joints if above[name] == 1]
+
+
+def _is_upright(robot: Robot, joint: Joint) -> bool:
+    """Return whether the axis of a joint is vertical."""
+    return abs(float((robot.pose(joint.child)[:3, :3] @ joint.axis)[2])) > 1.0 - _UPRIGHT
 
 
 def _axis(robot: Robot, joint: Joint) -> FloatArray:

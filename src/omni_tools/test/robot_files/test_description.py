@@ -390,6 +390,10 @@ def test_steered_wheels_and_several_controllers_are_refused(described: Write) ->
     fork = joint("fork_joint", "base_link", "fork", "0 0 0", axis="0 0 1") + link("fork")
     with pytest.raises(ConfigurationError, match="is steered by the joint fork_joint"):
         described(urdf.replace("</robot>", f"{fork}</robot>"))
+    still = fork.replace("continuous", "fixed")
+    questions = described(urdf.replace("</robot>", f"{still}</robot>")).questions
+    assert any("fixed joints fork_joint have a vertical axis" in one for one in questions)
+    assert not any("vertical axis" in one for one in described(mecanum_urdf()).questions)
     other = CONTROLLER.replace("0.3", "0.4").replace("drive:", "other:")
     with pytest.raises(ConfigurationError, match="several controllers drive wheels"):
         described(mecanum_urdf(), CONTROLLER, other)
