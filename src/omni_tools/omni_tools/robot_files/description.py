@@ -69,15 +69,15 @@ def describe(
     if controller is not None:
         controller = matched(robot, controller)
     robot.base = base_link(robot, controller)
-    wheels = described_wheels(robot, controller)
+    wheels = described_wheels(robot, controller, kind)
     found = Described()
     found.kind = _kind(found, wheels, controller, kind)
     _place_wheels(found, robot.file, wheels, controller, radius)
     steering = possibly_steering(robot, wheels)
-    if steering and _are_parallel(wheels):
+    if steering and kind is None and _are_parallel(wheels):
         found.questions.append(
             f"the fixed joints {', '.join(steering)} have a vertical axis and hold a wheel each: "
-            "are the wheels steered? The files of a vehicle from --from describe fixed ones"
+            "are the wheels steered? If not, give --kind mecanum"
         )
     if controller is not None:
         compare(found, robot, wheels, controller)

@@ -94,7 +94,9 @@ def matched(robot: Robot, controller: Controller) -> Controller:
     return controller._replace(joints=names)
 
 
-def described_wheels(robot: Robot, controller: Controller | None) -> list[DescribedWheel]:
+def described_wheels(
+    robot: Robot, controller: Controller | None, kind: str | None
+) -> list[DescribedWheel]:
     """Return the wheels of a robot.
 
     They are the joints that the controller names; otherwise those that ros2_control drives by
@@ -103,6 +105,8 @@ def described_wheels(robot: Robot, controller: Controller | None) -> list[Descri
     Args:
         robot: robot description.
         controller: controller with the joints' names of the robot; None if unknown.
+        kind: type of the wheels if the user gives it; descriptions of omnidirectional robots for
+            simulation may contain steering joints that the robot lacks.
 
     Raises:
         ConfigurationError: there are fewer than three wheels, or a wheel is steered.
@@ -117,7 +121,7 @@ def described_wheels(robot: Robot, controller: Controller | None) -> list[Descri
             f"{problem} (moving joints: {', '.join(moving[:12]) or 'none'}); add the parameter "
             "file of the controller, which names the joints of the wheels",
         )
-    for joint in joints:
+    for joint in joints if kind is None else ():
         _check_not_steered(robot, joint)
     return [_wheel(robot, joint) for joint in joints]
 
@@ -162,7 +166,8 @@ def _check_not_steered(robot: Robot, wheel: Joint) -> None:
             raise ConfigurationError(
                 "--from",
                 f"the wheel {wheel.name} of {robot.file} is steered by the joint {joint.name}; "
-                "the files of a vehicle describe wheels of a fixed direction",
+                "the files of a vehicle describe wheels of a fixed direction (if only a "
+                "simulation steers them, give --kind mecanum)",
             )
 
 

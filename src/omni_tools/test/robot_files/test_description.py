@@ -390,6 +390,8 @@ def test_steered_wheels_and_several_controllers_are_refused(described: Write) ->
     fork = joint("fork_joint", "base_link", "fork", "0 0 0", axis="0 0 1") + link("fork")
     with pytest.raises(ConfigurationError, match="is steered by the joint fork_joint"):
         described(urdf.replace("</robot>", f"{fork}</robot>"))
+    simulated = described(urdf.replace("</robot>", f"{fork}</robot>"), kind="mecanum")
+    assert simulated.wheels == described(mecanum_urdf(), kind="mecanum").wheels
     still = fork.replace("continuous", "fixed")
     questions = described(urdf.replace("</robot>", f"{still}</robot>")).questions
     assert any("fixed joints fork_joint have a vertical axis" in one for one in questions)
