@@ -143,6 +143,7 @@ def _vehicle(name: str, measured: Measured, known: KnownValues) -> str:
     brake, braking = _brake(measured, locking)
     drive = measured.drive_torque or locking
     size = measured.length**2 + measured.width**2
+    c_x, c_y = _middle(known)
     values: dict[str, Any] = {
         "wheels": wheels,
         "chassis_length": measured.length,
@@ -156,8 +157,8 @@ def _vehicle(name: str, measured: Measured, known: KnownValues) -> str:
     if measured.load > 0.0:
         values["load"] = {
             "mass": measured.load,
-            "x": _round(0.3 * measured.length),
-            "y": _round(0.3 * measured.width),
+            "x": _round(c_x + 0.3 * measured.length),
+            "y": _round(c_y + 0.3 * measured.width),
             "height": _round(2.5 * radius),
         }
     values |= {
@@ -190,6 +191,11 @@ _HEADING = (
     "and radius of the wheels are measured. Replace estimates by measured values, the yaw inertia\n"
     "and the brakes first."
 )
+
+
+def _middle(known: KnownValues) -> tuple[float, float]:
+    """Return the center of the chassis in base_link [m]."""
+    return known.vehicle.get("chassis_x", 0.0), known.vehicle.get("chassis_y", 0.0)
 
 
 def _brake(measured: Measured, locking: float) -> tuple[dict[str, Any], str]:
@@ -317,7 +323,7 @@ def _sensors(name: str, measured: Measured, known: KnownValues) -> str:
     x, y = _round(0.35 * measured.length), _round(0.35 * measured.width)
     places = {"left": (0.0, y, 0.0), "right": (0.0, -y, 0.0), "front": (x, 0.0, 90.0)}
     found = dict(known.cameras)
-    c_x, c_y = (known.vehicle.get(key, 0.0) for key in ("chassis_x", "chassis_y"))
+    c_x, c_y = _middle(known)
     heading = (
         f"Three line cameras under {name}, as section 4.4 suggests; ./omni design-sensors finds\n"
         "better positions. Their axes are tangential, so that all cameras measure the yaw rate."

@@ -83,13 +83,16 @@ def known_values(name: str, found: Described, measured: Measured) -> KnownValues
     described = found.measured
     given = tuple(key for one, key in _KEYS.items() if getattr(measured, one) != described.get(one))
     sources = {key: text for key, text in found.sources.items() if not key.startswith(given)}
-    vehicle: dict[str, Any] = {"wheels": wheels}
-    if found.mass == measured.mass:  # otherwise the user's, of which the files know no distribution
-        vehicle["body"] = found.body
-    for key, value in zip(("chassis_x", "chassis_y"), found.chassis_center, strict=True):
+    # The files do not know the distribution of a mass that the user gives.
+    body = found.body if found.mass == measured.mass else {}
+    vehicle: dict[str, Any] = {"wheels": wheels, "body": body}
+    for axis, value in zip("xy", found.chassis_center.tolist(), strict=True):
         if abs(value) > _ROUNDING:
-            vehicle[key] = rounded(float(value))
-            sources[key] = found.sources.get("chassis_length", "")
+            vehicle[f"chassis_{axis}"] = rounded(value)
+            sources[f"chassis_{axis}"] = found.sources.get("chassis_length", "")
+            if axis not in body:
+                body[axis] = rounded(value)
+                sources[f"body.{axis}"] = "estimate: the middle of the chassis"
     if found.wheel_inertia is not None:
         vehicle["wheel_inertia"] = max(rounded(found.wheel_inertia), 1e-6)
     problems = [f"contradiction: {one}" for one in found.contradictions]

@@ -468,6 +468,10 @@ def test_base_link_may_be_anywhere(tmp_path: Path) -> None:
     assert experiment.sensors["front"].x == pytest.approx(0.3 + 0.35 * 0.5)
     assert experiment.brake_assist.imu_x == pytest.approx(0.4)
     assert experiment.brake_assist.imu_rotation_deg == (0.0, 0.0, 90.0)
+    run(tmp_path / "heavy", str(tmp_path / "new.urdf"), mass=30.0, load=3.0)
+    heavy = ExperimentLibrary(CONFIG).load(str(tmp_path / "heavy/vehicle"), "assisted").vehicle
+    assert heavy.body.x == pytest.approx(0.3)  # the middle of the chassis
+    assert heavy.load.x == pytest.approx(0.3 + 0.3 * 0.5)
 
 
 def test_what_is_missing_is_asked_for_and_may_be_given(tmp_path: Path) -> None:
