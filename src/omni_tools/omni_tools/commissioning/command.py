@@ -94,7 +94,7 @@ def run(options: Options, workspace: ExperimentWorkspace) -> Report:
     if not found.mistakes and topics.TWIST.name not in missing:
         undistinguished = known.undistinguished_brakes(*drive)
     values = workspace.experiment_library().vehicle_values(options.vehicle)
-    changed = known.corrected(values, found.mistakes)
+    changed = known.corrected(values, found)
     files = []
     if changed != values:
         name = f"{options.recording.resolve().name}.yaml"

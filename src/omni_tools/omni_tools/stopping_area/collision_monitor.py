@@ -15,8 +15,8 @@ from omni_tools.stopping_area.options import AreaOptions
 # As in section 3.5 and the experiment straight_line: the enhanced weighting with k = 7.
 _ASSISTANT = ("brake_assist.weighting=enhanced", "brake_assist.k=7")
 
-# A stop ends after this time at rest [s]. Tires and chassis then move the footprint by less than
-# 0.6 mm (2000 stops of the vehicles in config/), which `_MARGIN` contains.
+# A stop ends after this time at rest [s]. In the next 2 s, tires and chassis move the footprint by
+# less than 0.6 mm (2000 stops of the vehicles on omni-wheels in config/), which `_MARGIN` contains.
 _AT_REST = 0.1
 _MARGIN = 0.002  # by which areas are enlarged: 1 mm for rounding, 1 mm for motion after a stop [m]
 
