@@ -10,6 +10,7 @@ import dataclasses
 import functools
 import itertools
 import math
+from collections.abc import Mapping
 
 import numpy as np
 
@@ -66,17 +67,21 @@ class MountingArea:
         extent_y = np.abs(poses[..., 1]) + sine * half_length + cosine * half_width
         return np.asarray((extent_x <= limit[0]) & (extent_y <= limit[1]))
 
-    def wheel_in_the_way(self, poses: FloatArray) -> IntArray:
+    def wheel_in_the_way(self, poses: FloatArray, carrier: str = "") -> IntArray:
         """Return the index of a wheel that is too close to a camera at each pose; -1 if none.
 
         Args:
             poses: x, y [m] and heading [rad], shape (..., 3).
+            carrier: wheel with which the camera turns, which is not considered.
 
         Returns:
             Indices, shape (...).
         """
         found = np.full(poses.shape[:-1], -1, np.int64)
+        names = tuple(self.scene.wheels)
         for index, wheel, half in self._wheels:
+            if names[index] == carrier:
+                continue
             close = _overlap(poses, self._grown(), wheel, half)
             found = np.where(close & (found < 0), index, found)
         return found
@@ -94,13 +99,21 @@ class MountingArea:
         """
         return ~_overlap(poses, self._grown(), other, self.half)
 
-    def problem(self, names: tuple[str, ...], poses: FloatArray) -> str:
-        """Return the reason why cameras cannot be mounted at the given poses; empty if they can."""
-        wheels = tuple(self.scene.wheels)
+    def problem(
+        self, names: tuple[str, ...], poses: FloatArray, carriers: Mapping[str, str] | None = None
+    ) -> str:
+        """Return the reason why cameras cannot be mounted at the given poses; empty if they can.
+
+        Args:
+            names: names of the cameras.
+            poses: x, y [m] and heading [rad], shape (N, 3).
+            carriers: steered wheels with which cameras turn, keyed by camera.
+        """
+        wheels, carriers = tuple(self.scene.wheels), carriers or {}
         for name, pose in zip(names, poses, strict=True):
             if not bool(self.on_chassis(pose)):
                 return f"{name} extends beyond the edge"
-            wheel = int(self.wheel_in_the_way(pose))
+            wheel = int(self.wheel_in_the_way(pose, carriers.get(name, "")))
             if wheel >= 0:
                 return f"{name} is too close to wheel {wheels[wheel]}"
         for i, name in enumerate(names):
