@@ -7,6 +7,7 @@ are not telecentric sink with the chassis.
 """
 
 import dataclasses
+from typing import Any
 
 import numpy as np
 import output
@@ -45,7 +46,12 @@ class Drives:
 def _drive(
     base: ExperimentConfiguration, vehicle: VehicleConfiguration, direction: float, start: float
 ) -> DriveData:
-    changes = {"speed": SPEED, "direction_deg": direction, "brake_time": start, "pedal": 0.06}
+    changes: dict[str, Any] = {
+        "speed": SPEED,
+        "direction_deg": direction,
+        "brake_time": start,
+        "pedal": 0.06,
+    }
     maneuver = dataclasses.replace(base.maneuver, **changes)
     limit = dataclasses.replace(base.simulation, duration_limit=ROLLING + 20.0)
     history = run_fast_loop(
@@ -94,7 +100,7 @@ def errors(loaded: Drives, empty: Drives, generator: np.random.Generator) -> dic
     drive, first = loaded.rolling[0], empty.rolling[0]
     through = [seen_by(cameras, one.rolling[0], one.vehicle) for one in (loaded, empty)]
     radius = Uncertainty(WEAR, 1e-3, 1e-3)
-    cases = {
+    cases: dict[str, tuple[Any, ...]] = {
         "noise": (read(drive), KNOWN),
         "wear": (read(drive, wear), radius),
         "unknown_radii": (read(drive, unknown), radius),

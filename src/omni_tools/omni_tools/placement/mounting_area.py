@@ -67,21 +67,17 @@ class MountingArea:
         extent_y = np.abs(poses[..., 1]) + sine * half_length + cosine * half_width
         return np.asarray((extent_x <= limit[0]) & (extent_y <= limit[1]))
 
-    def wheel_in_the_way(self, poses: FloatArray, carrier: str = "") -> IntArray:
+    def wheel_in_the_way(self, poses: FloatArray) -> IntArray:
         """Return the index of a wheel that is too close to a camera at each pose; -1 if none.
 
         Args:
             poses: x, y [m] and heading [rad], shape (..., 3).
-            carrier: wheel with which the camera turns, which is not considered.
 
         Returns:
             Indices, shape (...).
         """
         found = np.full(poses.shape[:-1], -1, np.int64)
-        names = tuple(self.scene.wheels)
         for index, wheel, half in self._wheels:
-            if names[index] == carrier:
-                continue
             close = _overlap(poses, self._grown(), wheel, half)
             found = np.where(close & (found < 0), index, found)
         return found
@@ -107,15 +103,18 @@ class MountingArea:
         Args:
             names: names of the cameras.
             poses: x, y [m] and heading [rad], shape (N, 3).
-            carriers: steered wheels with which cameras turn, keyed by camera.
+            carriers: steered wheels with which cameras turn, keyed by camera; a camera may be next
+                to its own wheel.
         """
-        wheels, carriers = tuple(self.scene.wheels), carriers or {}
         for name, pose in zip(names, poses, strict=True):
             if not bool(self.on_chassis(pose)):
                 return f"{name} extends beyond the edge"
-            wheel = int(self.wheel_in_the_way(pose, carriers.get(name, "")))
+            own = (carriers or {}).get(name)
+            wheels = {key: mount for key, mount in self.scene.wheels.items() if key != own}
+            others = dataclasses.replace(self, scene=dataclasses.replace(self.scene, wheels=wheels))
+            wheel = int(others.wheel_in_the_way(pose))
             if wheel >= 0:
-                return f"{name} is too close to wheel {wheels[wheel]}"
+                return f"{name} is too close to wheel {tuple(wheels)[wheel]}"
         for i, name in enumerate(names):
             for j in range(i):
                 if not bool(self.apart(poses[i], poses[j])):
