@@ -6,6 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from omni_core import geometry, quantities
+from omni_core.kinematics import require_omni_wheels
 from omni_runs.experiment import WITHOUT_CAMERAS, ExperimentLibrary, short_name
 from omni_runs.metrics import Metric
 from omni_runs.yaml_files import commented_yaml
@@ -30,7 +31,12 @@ _VERSIONS = {
 
 
 def stop_campaign(options: AreaOptions, library: ExperimentLibrary) -> area.StopCampaign:
-    """Return the campaign of stops from which the stopping areas are computed."""
+    """Return the campaign of stops from which the stopping areas are computed.
+
+    Raises:
+        UnusablePlatformError: a wheel is conventional.
+    """
+    require_omni_wheels(library.vehicle(options.vehicle).wheels, "nav2-polygons")
     fixed = [
         f"vehicle={options.vehicle}",
         *WITHOUT_CAMERAS,
