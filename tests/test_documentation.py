@@ -61,10 +61,11 @@ def test_the_page_of_the_dissertation_is_current_and_names_what_exists() -> None
     for row in (row for rows in chapters(WORKSPACE).values() for row in rows):
         assert row.status in STATUSES, row
         assert (WORKSPACE / row.module).exists(), row
-        kind, _, name = row.command.partition(" ")
+        command, _, tests = row.command.partition("test ")
+        kind, _, name = command.strip().partition(" ")
+        assert all((WORKSPACE / path).exists() for path in tests.split()), row
         assert {
             "study": name in commands_of("omni_studies.studies"),
-            "test": all((WORKSPACE / path).exists() for path in name.split()),
             "exec": (WORKSPACE / name.removeprefix("python ")).exists(),
         }.get(kind, not kind), row
         if row.status in ("works", "differs"):

@@ -19,7 +19,6 @@ from omni_core.signals import ImuSample, TwistSample, WheelSample
 
 _STEP = np.dtype(
     [
-        ("followed_ns", "i8"),  # stamp of the last valid twist [ns]
         ("imu_ns", "i8"),  # stamp of the newest IMU reading [ns]
         ("switched_ns", "i8"),  # stamp of the last valve update [ns]
         ("slow", "?"),  # whether the speed has fallen below the threshold

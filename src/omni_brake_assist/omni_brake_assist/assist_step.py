@@ -84,55 +84,35 @@ def _check_and_estimate(
         Whether the law is to be called; and values of `law.Motion`: `first`, `dt`, velocity and yaw
         rate, direction perpendicular to the line of motion, and `failed_brake`.
     """
-    step, line = memory.step[0], memory.line[0]
-    feedback = _twist_of_center(constants, memory, inputs.feedback)
+    step, line, gate = memory.step[0], memory.line[0], memory.gate[0]
+    now_ns = inputs.now_ns
     braking = inputs.pedal >= constants.pedal_threshold
-    weighed = _read_sensors(constants, memory, inputs, braking) and constants.fault_detection
-    limits, gate = constants.limits, memory.gate[0]
-    elapsed = max(since(inputs.now_ns, gate.now_ns) * 1e-9, 0.0)
-    elapsed = min(elapsed, constants.maximum_time_step)
-    good = fail_safe.check_inputs(limits, gate, inputs.now_ns, feedback, braking, weighed)
-    gate_open = gate.cause == conditions.GOOD
-    stamp_ns, twist = feedback.stamp_ns, feedback.value
     pedal = inputs.pedal if braking else 0.0
-    step.dead = step.dead if braking else 0
-    if constants.fault_detection:
-        received = good and gate.cause in conditions.INPUTS_VALID
-        chosen = _estimate_motion(constants, memory, inputs, feedback, received, pedal, elapsed)
-        step.contradicted = chosen == bank_state.NO_ESTIMATE
-        step.reckoned = chosen in bank_state.DEAD_RECKONING or not received
-        if memory.bank.record[0].equipped:
-            good = gate_open = chosen != bank_state.NO_ESTIMATE
-            stamp_ns, twist = inputs.now_ns, memory.answer
-        elif chosen == bank_state.NO_ESTIMATE:
-            good = False
-    v_x, v_y, yaw_rate = twist[0], twist[1], twist[2]
-    for i in range(memory.law_speeds.size):
-        isolated = memory.bank.faulty[memory.bank.record[0].best, i] > bank_state.FAULTY
-        memory.law_speeds[i] = math.nan if isolated else memory.speeds[i]
-    if constants.fault_detection and (not braking or (good and gate_open)):
-        _watch(constants, memory, pedal, elapsed, (v_x, v_y, yaw_rate))
-    dt = 0.0
-    if good:
-        dt = since(stamp_ns, step.followed_ns) * 1e-9
-        step.followed_ns = stamp_ns
-        if not 0.0 <= dt <= constants.maximum_time_step:
-            braking_line.forget_line(line)  # the heading is unknown after the gap
-            dt = 0.0
+    elapsed = max(since(now_ns, gate.now_ns) * 1e-9, 0.0)
+    elapsed = min(elapsed, constants.maximum_time_step)
     if not braking:
         braking_line.forget_line(line)
-        step.slow = False
-    elif good:
-        if line.stored:
-            braking_line.advance_line(line, dt, yaw_rate)
-        elif gate_open:
-            braking_line.store_line(line, constants.minimum_reference_speed, v_x, v_y, yaw_rate)
-            step.assisting = False
+        step.slow, step.dead = False, 0
+
+    feedback = _twist_of_center(constants, memory, inputs.feedback)
+    weighed = _read_sensors(constants, memory, inputs, braking) and constants.fault_detection
+    received = fail_safe.check_inputs(constants.limits, gate, now_ns, feedback, braking, weighed)
+    good, gate_open, stamp_ns, twist = _estimate(
+        constants, memory, inputs, feedback, received, pedal, elapsed
+    )
     ready = braking and good and gate_open
+    if constants.fault_detection and (ready or not braking):
+        _watch(constants, memory, pedal, elapsed, twist)
+    dt = 0.0
+    if good:
+        lowest, longest = constants.minimum_reference_speed, constants.maximum_time_step
+        dt, begun = braking_line.follow_line(line, stamp_ns, twist, ready, lowest, longest)
+        step.assisting = step.assisting and not begun
+
     first = not step.assisting
     step.assisting = ready or (step.assisting and braking)
     across = braking_line.perpendicular(line)
-    return ready, first, dt, (v_x, v_y, yaw_rate), across, step.dead - 1
+    return ready, first, dt, twist, across, step.dead - 1
 
 
 @inlined
@@ -207,6 +187,50 @@ def _is_recent(now_ns: int, timeout_ns: int, validity: int, stamp_ns: int) -> bo
 
 
 @lean
+def _estimate(
+    constants: Constants,
+    memory: Memory,
+    inputs: Inputs,
+    feedback: TwistSample,
+    good: bool,
+    pedal: float,
+    elapsed: float,
+) -> tuple[bool, bool, int, Triple]:
+    """Choose the twist that the law uses, and the wheel speeds without those of isolated sensors.
+
+    Args:
+        constants: constants of the assistant.
+        memory: memory of the assistant, changed in place.
+        inputs: inputs of this step.
+        feedback: latest twist, of the center of the wheels.
+        good: whether the latest twist is valid.
+        pedal: the driver's brake demand, 0 while the pedal is up [1].
+        elapsed: time since the previous step [s].
+
+    Returns:
+        Whether there is an estimate; whether the input gate is open; stamp of the estimate [ns] and
+        twist [m/s, m/s, rad/s].
+    """
+    step, cause = memory.step[0], memory.gate[0].cause
+    gate_open = cause == conditions.GOOD
+    stamp_ns, twist = feedback.stamp_ns, feedback.value
+    if constants.fault_detection:
+        received = good and cause in conditions.INPUTS_VALID
+        chosen = _estimate_motion(constants, memory, inputs, feedback, received, pedal, elapsed)
+        step.contradicted = chosen == bank_state.NO_ESTIMATE
+        step.reckoned = chosen in bank_state.DEAD_RECKONING or not received
+        if memory.bank.record[0].equipped:
+            good = gate_open = chosen != bank_state.NO_ESTIMATE
+            stamp_ns, twist = inputs.now_ns, memory.answer
+        elif chosen == bank_state.NO_ESTIMATE:
+            good = False
+    for i in range(memory.law_speeds.size):
+        isolated = memory.bank.faulty[memory.bank.record[0].best, i] > bank_state.FAULTY
+        memory.law_speeds[i] = math.nan if isolated else memory.speeds[i]
+    return good, gate_open, stamp_ns, (twist[0], twist[1], twist[2])
+
+
+@lean
 def _estimate_motion(
     constants: Constants,
     memory: Memory,
@@ -214,19 +238,12 @@ def _estimate_motion(
     feedback: TwistSample,
     received: bool,
     pedal: float,
-    dt: float,
+    elapsed: float,
 ) -> int:
     """Update the effect monitor and the filter bank; write the estimate to `memory.answer`.
 
-    Args:
-        constants: constants of the assistant.
-        memory: memory of the assistant, changed in place.
-        inputs: inputs of this step.
-        feedback: latest twist, of the center of the wheels.
-        received: whether the latest twist is valid and no fault of an input has closed the input
-            gate. If False, or if no component of the twist is measured, the twist is ignored.
-        pedal: the driver's brake demand, 0 while the pedal is up [1].
-        dt: time since the previous step [s].
+    The arguments are those of `_estimate`, but the twist is also ignored, as if it were not
+    `received`, if no component of it is measured.
 
     Returns:
         Number of the most probable hypothesis of the filter bank, or NO_ESTIMATE.
@@ -243,7 +260,7 @@ def _estimate_motion(
         least = min(least, feedback.covariance[j, j])
     validity = VALID if received and least < UNMEASURED_VARIANCE else MISSING
     step.no_effect = effect_monitor.watch_effect(
-        constants.effect, memory.effect, dt, pedal, released, speeds, inertial
+        constants.effect, memory.effect, elapsed, pedal, released, speeds, inertial
     )
     return int(
         estimate(
@@ -258,13 +275,7 @@ def _estimate_motion(
 
 
 @lean
-def _watch(
-    constants: Constants,
-    memory: Memory,
-    pedal: float,
-    dt: float,
-    twist: tuple[float, float, float],
-) -> None:
+def _watch(constants: Constants, memory: Memory, pedal: float, dt: float, twist: Triple) -> None:
     """Update the brake monitor, and store the number of a wheel whose brake has failed.
 
     The arguments `pedal`, `dt` and `twist` are those of `brake_monitor.watch_brakes`.

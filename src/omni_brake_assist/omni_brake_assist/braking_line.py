@@ -12,7 +12,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from omni_brake_assist.fail_safe import since
 from omni_core.kernels import lean
+from omni_core.quantities import Triple
 
 Record = Any
 """Reference to the record in the array that `new_line` returns."""
@@ -25,6 +27,7 @@ _LINE = np.dtype(
         ("across_y", "f8"),
         ("heading", "f8"),  # yaw angle turned since the line was stored [rad]
         ("yaw_rate", "f8"),  # yaw rate of the last twist [rad/s]
+        ("stamp_ns", "i8"),  # stamp of the last twist, also while there is no line [ns]
     ]
 )
 
@@ -46,38 +49,47 @@ def forget_line(line: Record) -> None:
 
 
 @lean
-def store_line(line: Record, minimum_speed: float, v_x: float, v_y: float, yaw_rate: float) -> None:
-    """Store the line of motion along the given velocity.
+def follow_line(
+    line: Record,
+    stamp_ns: int,
+    twist: Triple,
+    starts: bool,
+    minimum_speed: float,
+    longest: float,
+) -> tuple[float, bool]:
+    """Integrate the heading up to the time of a new twist, or store the line along its velocity.
 
     If the speed is below the minimum, the record states that there is no line to keep.
 
     Args:
         line: memory of the line, changed in place.
+        stamp_ns: stamp of the twist [ns].
+        twist: velocity [m/s, m/s] and yaw rate [rad/s] in the body frame.
+        starts: whether a line is stored if there is none.
         minimum_speed: speed below which a velocity has no usable direction [m/s].
-        v_x: body velocity, x [m/s].
-        v_y: body velocity, y [m/s].
-        yaw_rate: yaw rate [rad/s].
+        longest: limit on the time between twists; the heading is unknown after a longer gap [s].
+
+    Returns:
+        Time since the last twist [s], or 0 after a gap; whether the line was stored now.
     """
-    forget_line(line)
-    line.stored = True
-    line.yaw_rate = yaw_rate
-    speed = math.hypot(v_x, v_y)
-    if speed >= minimum_speed:
-        line.across_x = -v_y / speed  # Eq. (51)
-        line.across_y = v_x / speed
-
-
-@lean
-def advance_line(line: Record, dt: float, yaw_rate: float) -> None:
-    """Integrate the heading up to the time of a new twist.
-
-    Args:
-        line: memory of the line, changed in place.
-        dt: time since the last twist [s].
-        yaw_rate: yaw rate of the new twist [rad/s].
-    """
-    line.heading += (line.yaw_rate + yaw_rate) / 2 * dt
-    line.yaw_rate = yaw_rate
+    v_x, v_y, yaw_rate = twist
+    dt = since(stamp_ns, line.stamp_ns) * 1e-9
+    line.stamp_ns = stamp_ns
+    if not 0.0 <= dt <= longest:
+        forget_line(line)
+        dt = 0.0
+    stores = starts and not line.stored
+    if line.stored:
+        line.heading += (line.yaw_rate + yaw_rate) / 2 * dt
+        line.yaw_rate = yaw_rate
+    elif stores:
+        line.stored = True
+        line.yaw_rate = yaw_rate
+        speed = math.hypot(v_x, v_y)
+        if speed >= minimum_speed:
+            line.across_x = -v_y / speed  # Eq. (51)
+            line.across_y = v_x / speed
+    return dt, stores
 
 
 @lean

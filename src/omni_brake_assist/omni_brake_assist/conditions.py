@@ -230,13 +230,23 @@ INPUTS_VALID = GOOD, INTERNAL_ERROR
 
 
 def states_table() -> str:
-    """Return the table of conditions in the order of precedence, as Markdown."""
-    lines = ["| state | level | reason |", "|---|---|---|"]
-    for row in CONDITIONS:
-        level = ("OK", "warning", "error")[row.level]
-        reason = re.sub(r"\{(\w+)[^}]*\}", r"*\1*", row.words) or "named in the message"
-        lines.append(f"| `{row.state.value}` | {level} | {reason} |")
-    return "\n".join(dict.fromkeys(lines)) + "\n"
+    """Return the table of conditions in the order of precedence, as Markdown.
+
+    Consecutive conditions of one state, or with one reason, share a row.
+    """
+    rows: list[tuple[str, str, str]] = []
+    for condition in CONDITIONS:
+        state, level = f"`{condition.state.value}`", ("OK", "warning", "error")[condition.level]
+        reason = re.sub(r"\{(\w+)[^}]*\}", r"*\1*", condition.words) or "named in the message"
+        states, last, reasons = rows[-1] if rows else ("", "", "")
+        if (level, reason) == (last, reasons):
+            rows[-1] = (states if state in states else f"{states}, {state}", level, reason)
+        elif (state, level) == (states, last):
+            rows[-1] = (state, level, f"{reasons}; {reason}")
+        else:
+            rows.append((state, level, reason))
+    head = "| state | level | reason |\n|---|---|---|\n"
+    return head + "".join(f"| {' | '.join(row)} |\n" for row in rows)
 
 
 if __name__ == "__main__":

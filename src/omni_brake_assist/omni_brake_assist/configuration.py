@@ -189,10 +189,10 @@ class BrakeAssistConfiguration(Configuration):
         if len(self.imu_rotation_deg) not in (0, 3):
             raise ConfigurationError("imu_rotation_deg", "must be three angles: roll, pitch, yaw")
         PlatformKinematics.of(self.wheels)
-        if self.enabled:
-            require_omni_wheels(self.wheels, f"the law {self.law} (unless enabled is false)")
-        if self.fault_detection:
-            require_omni_wheels(self.wheels, "fault_detection")
+        used = (f"the law {self.law}", self.enabled), ("fault_detection", self.fault_detection)
+        if required := [name for name, on in used if on]:
+            remedy = "; set enabled and fault_detection of the brake assistant to false"
+            require_omni_wheels(self.wheels, required[0], remedy)
 
 
 def check_tuning_constant(k: int) -> None:

@@ -286,6 +286,7 @@ def test_conventional_wheels_are_refused_unless_the_assistant_only_observes(
         ("enabled", "the law sliding_mode"),
         ("fault_detection", "fault_detection"),
     ):
-        with pytest.raises(UnusablePlatformError, match=rf"wheels\.castor\.kind: .*{words}"):
+        text = rf"wheels\.castor\.kind: .*{words}.*; set enabled and fault_detection"
+        with pytest.raises(UnusablePlatformError, match=text):
             BrakeAssistConfiguration(wheels=wheels, **{**off, name: True})
     BrakeAssist(BrakeAssistConfiguration(wheels=wheels, **off))

@@ -32,12 +32,13 @@ class UnusablePlatformError(ConfigurationError):
     """The wheels do not allow motion in all three degrees of freedom."""
 
 
-def require_omni_wheels(wheels: Mapping[str, WheelMount], what: str) -> None:
+def require_omni_wheels(wheels: Mapping[str, WheelMount], what: str, remedy: str = "") -> None:
     """Raise an error unless all wheels are omni-wheels.
 
     Args:
         wheels: wheels of a platform, keyed by name.
         what: the law or tool that requires omni-wheels, for the message.
+        remedy: what to do for other vehicles, as the end of the message.
 
     Raises:
         UnusablePlatformError: a wheel is conventional; the message names the wheel and `what`.
@@ -47,7 +48,7 @@ def require_omni_wheels(wheels: Mapping[str, WheelMount], what: str) -> None:
             raise UnusablePlatformError(
                 f"wheels.{name}.kind",
                 f"is {mount.kind}, but {what} requires a vehicle that can move in all three "
-                "degrees of freedom, on omni-wheels only",
+                "degrees of freedom, on omni-wheels only" + remedy,
             )
 
 

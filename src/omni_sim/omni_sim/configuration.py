@@ -9,8 +9,9 @@ from omni_core.configuration import (
     parameter,
     section,
 )
+from omni_core.geometry import WheelMount
 from omni_core.quantities import CONTROL_PERIOD, SECOND_NS
-from omni_core.sensors import FlowSensor, LineSensor
+from omni_core.sensors import FlowSensor, LineSensor, Mount
 from omni_sim.camera.configuration import CameraConfiguration
 from omni_sim.camera.optics import check_exposure
 from omni_sim.driver.configuration import ManeuverConfiguration
@@ -156,15 +157,24 @@ class SimulatorConfiguration(Configuration):
                 raise ConfigurationError(
                     f"flow_sensors.{name}.carrier", "only line cameras can be on a steered carrier"
                 )
-        wheels = {name: mount for name, mount in self.vehicle.wheels.items() if mount.is_steered}
-        for name, sensor in self.sensors.items():
-            if not sensor.carrier:
-                continue
-            check_choice(f"sensors.{name}.carrier", sensor.carrier, wheels)
-            wheel = wheels[sensor.carrier]
-            if (sensor.carrier_x, sensor.carrier_y) != (wheel.x, wheel.y):
-                raise ConfigurationError(
-                    f"sensors.{name}.carrier_x",
-                    f"the steering axis is at ({sensor.carrier_x:g}, {sensor.carrier_y:g}) m, but "
-                    f"wheel {sensor.carrier} is at ({wheel.x:g}, {wheel.y:g}) m",
-                )
+        check_carriers(self.sensors, self.vehicle.wheels)
+
+
+def check_carriers(sensors: Mapping[str, Mount], wheels: Mapping[str, WheelMount]) -> None:
+    """Check that each carrier of a sensor is a steered wheel at the configured position.
+
+    Raises:
+        ConfigurationError: a carrier is not a steered wheel, or its position is not the wheel's.
+    """
+    steered = {name: mount for name, mount in wheels.items() if mount.is_steered}
+    for name, sensor in sensors.items():
+        if not sensor.carrier:
+            continue
+        check_choice(f"sensors.{name}.carrier", sensor.carrier, steered)
+        wheel = steered[sensor.carrier]
+        if (sensor.carrier_x, sensor.carrier_y) != (wheel.x, wheel.y):
+            raise ConfigurationError(
+                f"sensors.{name}.carrier_x",
+                f"the steering axis is at ({sensor.carrier_x:g}, {sensor.carrier_y:g}) m, but "
+                f"wheel {sensor.carrier} is at ({wheel.x:g}, {wheel.y:g}) m",
+            )

@@ -158,11 +158,10 @@ class Simulator:
     def observe(self) -> Observation:
         """Return state and measurements at the present stamp; repeated calls give equal results."""
         vehicle = self.vehicle
-        twist = vehicle.twist
-        pose = vehicle.pose
-        wheels = vehicle.wheels
+        motion, wheels = vehicle.motion, vehicle.wheels
+        pose, twist = motion[:3], motion[3:]
         steering_angle, steering_rate = vehicle.steering
-        self._measure()
+        self._measure(motion)
         return Observation(
             stamp_ns=self._stamp_ns,
             wheel_angle=wheels["angle"],
@@ -185,13 +184,17 @@ class Simulator:
             flows=self._flows,
         )
 
-    def _measure(self) -> None:
-        """Read all sensors except the cameras, once per stamp."""
+    def _measure(self, motion: quantities.FloatArray) -> None:
+        """Read all sensors except the cameras, once per stamp.
+
+        Args:
+            motion: pose and twist of the vehicle, `Vehicle.motion`.
+        """
         if self._measured_ns == self._stamp_ns:
             return
         self._measured_ns = self._stamp_ns
         vehicle, period_ns = self.vehicle, self.control_period_ns
-        motion, step = vehicle.motion, self._stamp_ns // period_ns
+        step = self._stamp_ns // period_ns
         sample = self._velocity_sensor.measure(self._stamp_ns, motion[3:])
         self._taken_ns, self._reading = sample.stamp_ns, sample.value
         if len(self._path) == 1:

@@ -32,7 +32,8 @@ class Row(NamedTuple):
         what: content of the item.
         status: status in this project, a key of `STATUSES`.
         module: module that implements the item; may be empty.
-        command: command or test that shows the item; may be empty.
+        command: command that shows the item, tests as in ``test FILE FILE``, or first the command
+            and then the tests; may be empty.
         remark: explanation of the status; may be empty.
         number: values of the dissertation and of this project, as text; may be empty.
     """
@@ -75,10 +76,10 @@ def page(folder: Path) -> str:
         )
         parts.append("|---|---|---|---|---|---|")
         for row in rows:
-            kind, _, names = row.command.partition(" ")
-            shown = f"`./omni {row.command}`" if row.command else ""
-            if kind == "test":
-                shown = " ".join(map(_link, names.split()))
+            study, _, tests = row.command.partition("test ")
+            shown = " ".join(
+                [*([f"`./omni {study.strip()}`"] if study else []), *map(_link, tests.split())]
+            )
             remark = "; ".join(filter(None, (row.number, row.remark)))
             parts.append(
                 f"| {row.place} | {row.what} | {row.status} | {shown} | {_link(row.module)} | "

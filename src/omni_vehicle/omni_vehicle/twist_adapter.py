@@ -136,11 +136,9 @@ class YawRates:
         if not self._readings:
             return math.nan
         stamps, rates = zip(*self._readings, strict=True)
-        nearest = min(abs(stamp_ns - one) for one in stamps)
-        if nearest > self._timeout_ns:
-            return math.nan
         since = np.array(stamps, np.int64) - stamp_ns
-        return float(np.interp(0.0, since, rates))
+        is_near = np.min(np.abs(since)) <= self._timeout_ns
+        return float(np.interp(0.0, since, rates)) if is_near else math.nan
 
 
 class Mounting:

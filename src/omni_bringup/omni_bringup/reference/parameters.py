@@ -20,6 +20,7 @@ The READMEs of the packages list the parameters for the communication of each no
 timeouts, and those of the nodes `recorder` and `driver`.
 `<name>` stands for the name of a wheel, sensor or patch, and `*` for all parameters of a group.
 As ROS parameters the names themselves are listed in `wheels.names`, `sensors.names` and so on.
+Words with a slash between them are those of two parameters in one row, in this order.
 A range `(0, 1]` includes 1 but not 0.
 Section, equation and table numbers refer to the dissertation.
 """
@@ -57,7 +58,7 @@ def reference() -> str:
     listed: dict[Any, str] = {}
     tables = []
     for title, cls in sections.items():
-        rows = "".join(f"{row}\n" for row in _rows(cls, title.split("`")[1], listed))
+        rows = "".join(f"{row}\n" for row in _merged(_rows(cls, title.split("`")[1], listed)))
         tables.append(f"## {title}\n{head}\n{rows}")
         listed[cls] = f"all parameters of `{title.split('`')[1]}`"
     return "\n".join((_HEAD, *tables))
@@ -97,6 +98,27 @@ def _rows(cls: Any, node: str, listed: dict[Any, str], prefix: str = "") -> Iter
             yield from _rows(group, node, listed, key)
             for base in group.__mro__[1:-1]:
                 listed.setdefault(base, listed[group])
+
+
+def _merged(rows: Iterator[str]) -> list[str]:
+    """Return rows in which two parameters share a row if one word of the meaning differs.
+
+    Such parameters are, for example, the two coordinates of a position.
+    """
+    merged: list[str] = []
+    for row in rows:
+        old, new = (line[2:-2].split(" | ") for line in (merged[-1] if merged else row, row))
+        pairs = list(zip(old[-1].split(), new[-1].split(), strict=False))
+        differing = [i for i, (one, other) in enumerate(pairs) if one != other]
+        lengths = {len(old[-1].split()), len(new[-1].split())}
+        if old[1:-1] == new[1:-1] and len(differing) == 1 and len(lengths) == 1 and len(pairs) > 1:
+            one, other = pairs[differing[0]]
+            words = [word for word, _ in pairs]
+            words[differing[0]] = f"{one} / {other}"
+            merged[-1] = f"| {old[0]}, {' | '.join((*new[:-1], ' '.join(words)))} |"
+        else:
+            merged.append(row)
+    return merged
 
 
 def _row(name: str, cls: Any) -> str:

@@ -200,6 +200,17 @@ def test_new_files_are_listed_as_json(tmp_path: Path, capsys: pytest.CaptureFixt
     assert (tmp_path / "mine.png").is_file()
 
 
+def test_a_shown_vehicle_names_its_wheels_without_rollers(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit):
+        main(["show", "steered_forklift", "--out", str(tmp_path / "mine.png"), "--json"])
+    facts = json.loads(capsys.readouterr().out)["facts"]
+    assert facts["without rollers"] == "rear_left, front_left, front_right, rear_right"
+    assert facts["steered"].startswith("rear_left to 75 deg at up to 60 deg/s, rear_right to")
+    assert "rollers" not in facts
+
+
 def test_output_of_a_library_does_not_enter_the_json_document(
     monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:

@@ -1,8 +1,8 @@
 """``./omni bag export``: write topics as CSV or Parquet tables.
 
 Write one table for each topic whose messages have at most 256 values, with times in nanoseconds,
-all other quantities in SI units, and one column for each joint. Images are omitted. The exit code
-is 1 if any other topic, or a topic chosen with ``--topic``, is left out.
+all other quantities in SI units, and one column for each joint. Larger messages such as images are
+omitted. The exit code is 1 if any other topic, or a topic chosen with ``--topic``, is left out.
 """
 
 from pathlib import Path

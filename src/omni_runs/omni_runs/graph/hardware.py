@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -21,6 +20,7 @@ from omni_core.configuration import (
 )
 from omni_core.description import IMU_FRAME, urdf
 from omni_core.sensors import FlowSensor, Mount
+from omni_ros.flat_parameters import NAMES
 from omni_runs.experiment import ExperimentConfiguration, ExperimentLibrary, recorded_experiment
 from omni_runs.graph.nodes import parameters_text, values_of
 from omni_runs.yaml_files import read_mapping
@@ -180,21 +180,17 @@ def _remappings(
         given: values of the launch arguments, keyed by name.
         parameters: parameter file of a node with sensors; None for a node without sensors.
     """
-    sensors: set[str] = set()
+    sensors: list[str] = []
     if parameters is not None:
         values = read_mapping(parameters, "parameters")["/**"]["ros__parameters"]
-        keys = (key.split(".") for key in values if re.match(r"(flow_)?sensors\.", key))
-        sensors = {key[1] for key in keys} | {values.get("sensor", "")} - {""}
-    renamed = [(topic, given[name]) for name, topic in _TOPICS.items() if given[name] != topic]
-    plain = [pair for pair in renamed if _EACH not in pair[0]]
-    return (
-        *plain,
-        *(
-            (topic.replace(_EACH, sensor), new.replace(_EACH, sensor))
-            for topic, new in renamed
-            if _EACH in topic
-            for sensor in sorted(sensors)
-        ),
+        for key in (f"sensors.{NAMES}", f"flow_sensors.{NAMES}"):
+            sensors += values.get(key, ())
+        sensors += [values["sensor"]] if values.get("sensor") else []
+    return tuple(
+        (topic.replace(_EACH, sensor), given[name].replace(_EACH, sensor))
+        for name, topic in _TOPICS.items()
+        if given[name] != topic
+        for sensor in (sensors if _EACH in topic else [""])
     )
 
 

@@ -35,7 +35,7 @@ from omni_sim.vehicle.roller_dynamics import (
 )
 from omni_sim.vehicle.state import Energies, Step
 from omni_sim.vehicle.suspension import sprung_loads
-from omni_sim.vehicle.uneven_ground import frame_turn, level, stand
+from omni_sim.vehicle.uneven_ground import follow_ground, level, standing
 from omni_sim.vehicle.wheel_steps import squared_bends, step_omni_wheel, step_treaded_wheel
 from omni_sim.wheel.brake_pressure import press, set_demand
 from omni_sim.wheel.drivetrain import clutch_torque, motor_drive
@@ -95,53 +95,85 @@ def advance(
         trajectory: output; pose and velocity of base_link in the world frame at the start and after
             each step, shape (steps + 1, 6); not written if its shape is (0, 6).
     """
-    plant, body, wheels, dt = state.plant, state.body[0], state.wheels, state.plant.dt
-    push, turn = dt / plant.mass, dt / plant.yaw_inertia  # one division for all steps
+    plant, body = state.plant, state.body[0]
+    # One division for all steps.
+    mobility = (plant.dt / plant.mass, plant.dt / plant.yaw_inertia)
     filter_share = plant.filter_share / plant.mass
-    uneven, lossy = state.terrain.parts.shape[0] > 0, state.losses.wheel.shape[0] > 0
-    loads = state.loads
     start_yaw, traced = body.yaw, trajectory.shape[0] > 0
     set_demand(state.pressure, control.brake, control.enable)
     pull = _resultant(state, state.rollers, state.treads)
-    pressing, gravity, lean = GRAVITY, (0.0, 0.0), 0.0
     if traced:
         _write_pose(plant, body, trajectory[0])
 
     for k in range(steps):
-        if uneven:
-            pressing, gravity, lean = _follow_ground(state, body)
-            state.counters[0].tipping_steps += pressing <= 0.0  # the vehicle would take off
-        other = (control.force_x + gravity[0], control.force_y + gravity[1])
-        yaw = body.yaw + 0.5 * dt * body.yaw_rate
-        cos, sin = math.cos(yaw), math.sin(yaw)
-
-        state.counters[0].tipping_steps += _carry(state, body, pressing, pull, control.height)
-
-        ahead_x, ahead_y = body.v_x + push * other[0], body.v_y + push * other[1]
-        ahead = (
-            cos * ahead_x + sin * ahead_y + push * pull[0],
-            cos * ahead_y - sin * ahead_x + push * pull[1],
-            body.yaw_rate + turn * (pull[2] + lean),
-        )
-        drive_x, drive_y = control.twist[0], control.twist[1]
-        if control.in_world:
-            drive_x, drive_y = in_turned_frame(drive_x, drive_y, yaw - start_yaw)
-        place = (body.x + 0.5 * dt * body.v_x, body.y + 0.5 * dt * body.v_y)
-        tilt, command = (body.tilt_x, body.tilt_y), (drive_x, drive_y, control.twist[2])
-        drive = _steered(state, state.treads, command, control.drive_stiffness > 0.0)
-        step = Step(place, (cos, sin), tilt, ahead, drive, control.drive_stiffness)
-        press(state.pressure)
-        if lossy:
-            _resist(state, body, step, loads)
-        if plant.roller_pitch > 0.0 and state.rollers is None:
-            displace_contacts(plant, wheels, state.contacts)
-        _step_wheels(state, state.rollers, state.treads, step, state.pressure.acting, loads)
-        pull = _resultant(state, state.rollers, state.treads)
+        step, other, lean = _meet_ground(state, body, control, pull, mobility, start_yaw)
+        pull = _turn_wheels(state, body, step)
         body.a_x += filter_share * pull[0] - plant.filter_share * body.a_x
         body.a_y += filter_share * pull[1] - plant.filter_share * body.a_y
-        move(plant, body, (cos, sin), (pull[0], pull[1], pull[2] + lean), other)
+        move(plant, body, step.heading, (pull[0], pull[1], pull[2] + lean), other)
         if traced:
             _write_pose(plant, body, trajectory[k + 1])
+
+
+@lean_inline
+def _meet_ground(
+    state: layout.State,
+    body: layout.Record,
+    control: layout.Control,
+    pull: Triple,
+    mobility: Pair,
+    start_yaw: float,
+) -> tuple[Step, Pair, float]:
+    """Compute what all wheels meet in a step: ground, loads, and motion of body and drives.
+
+    Args:
+        state: state of the vehicle; the wheel loads and the steered wheels are changed.
+        body: `state.BODY`, changed on uneven ground.
+        control: inputs of the step.
+        pull: force [N] and moment [N m] of the wheels in the last step, in the body frame.
+        mobility: velocity per force [m/s per N] and yaw rate per moment [rad/s per N m] of a step.
+        start_yaw: yaw for which the drive command is given [rad].
+
+    Returns:
+        Quantities common to all wheels; further forces in the world frame [N] and further moment
+        [N m] on the body.
+    """
+    push, turn = mobility
+    dt = state.plant.dt
+    pressing, gravity, lean = GRAVITY, (0.0, 0.0), 0.0
+    if state.terrain.parts.shape[0] > 0:
+        pressing, gravity, lean = follow_ground(state, body)
+        state.counters[0].tipping_steps += pressing <= 0.0  # the vehicle would take off
+    other = (control.force_x + gravity[0], control.force_y + gravity[1])
+    yaw = body.yaw + 0.5 * dt * body.yaw_rate
+    cos, sin = math.cos(yaw), math.sin(yaw)
+    state.counters[0].tipping_steps += _carry(state, body, pressing, pull, control.height)
+    ahead_x, ahead_y = body.v_x + push * other[0], body.v_y + push * other[1]
+    ahead = (
+        cos * ahead_x + sin * ahead_y + push * pull[0],
+        cos * ahead_y - sin * ahead_x + push * pull[1],
+        body.yaw_rate + turn * (pull[2] + lean),
+    )
+    drive_x, drive_y = control.twist[0], control.twist[1]
+    if control.in_world:
+        drive_x, drive_y = in_turned_frame(drive_x, drive_y, yaw - start_yaw)
+    place = (body.x + 0.5 * dt * body.v_x, body.y + 0.5 * dt * body.v_y)
+    tilt, command = (body.tilt_x, body.tilt_y), (drive_x, drive_y, control.twist[2])
+    drive = _steered(state, state.treads, command, control.drive_stiffness > 0.0)
+    return Step(place, (cos, sin), tilt, ahead, drive, control.drive_stiffness), other, lean
+
+
+@lean_inline
+def _turn_wheels(state: layout.State, body: layout.Record, step: Step) -> Triple:
+    """Advance brakes and wheels by one step; return force [N] and moment [N m] of the wheels."""
+    loads = state.loads
+    press(state.pressure)
+    if state.losses.wheel.shape[0] > 0:
+        _resist(state, body, step, loads)
+    if state.plant.roller_pitch > 0.0 and state.rollers is None:
+        displace_contacts(state.plant, state.wheels, state.contacts)
+    _step_wheels(state, state.rollers, state.treads, step, state.pressure.acting, loads)
+    return _resultant(state, state.rollers, state.treads)
 
 
 @lean_inline
@@ -265,50 +297,6 @@ def _wheel_energies(
         return spin, 0.5 * state.plant.stiffness * squared_deflection
     roller_spin, elastic = roller_energies(rollers)
     return spin + roller_spin, elastic
-
-
-@lean
-def standing(state: layout.State, ahead: float) -> tuple[float, float, float, float, float, float]:
-    """Return height and gradients of the ground at the vehicle's position after a given time.
-
-    The velocity is assumed to be constant. The result is that of `uneven_ground.stand`.
-
-    Args:
-        state: state of the vehicle; the heights of the ground in `state.suspension` are written.
-        ahead: time until the vehicle reaches this position [s].
-    """
-    body, plant = state.body[0], state.plant
-    v_x, v_y = level(body.tilt_x, body.tilt_y, body.v_x, body.v_y)
-    yaw = body.yaw + ahead * body.yaw_rate
-    place, heading = (body.x + ahead * v_x, body.y + ahead * v_y), (math.cos(yaw), math.sin(yaw))
-    springs = state.suspension.ground
-    return stand(state.terrain, plant.position, plant.plane, place, heading, springs)
-
-
-@lean
-def _follow_ground(state: layout.State, body: layout.Record) -> tuple[float, Pair, float]:
-    """Rotate yaw and velocity into the path plane at the middle of the step.
-
-    Returns:
-        Normal force on the ground divided by the mass [m/s^2], negative if the vehicle would take
-        off; force of gravity in the path plane [N]; moment of gravity about the normal [N m].
-    """
-    plant = state.plant
-    old_x, old_y = body.tilt_x, body.tilt_y
-    v_x, v_y = level(old_x, old_y, body.v_x, body.v_y)
-    _, _, _, new_x, new_y, turn = standing(state, 0.5 * plant.dt)
-    normal = math.sqrt(1.0 - new_x * new_x - new_y * new_y)
-    change = normal - math.sqrt(1.0 - old_x * old_x - old_y * old_y)
-    climb = -(old_x * body.v_x + old_y * body.v_y)
-    bend = ((new_x - old_x) * v_x + (new_y - old_y) * v_y + change * climb) / plant.dt
-    angle = frame_turn(old_x, old_y, new_x, new_y)
-    cos, sin = math.cos(angle), math.sin(angle)
-    v_x, v_y = body.v_x, body.v_y
-    body.v_x, body.v_y = cos * v_x - sin * v_y, sin * v_x + cos * v_y
-    body.yaw += angle
-    body.tilt_x, body.tilt_y = new_x, new_y
-    weight = plant.mass * GRAVITY
-    return GRAVITY * normal - bend, (weight * new_x, weight * new_y), -weight * turn
 
 
 @lean_inline

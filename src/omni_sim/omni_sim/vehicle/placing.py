@@ -6,7 +6,7 @@ import numpy as np
 
 from omni_core.quantities import GRAVITY, FloatArray
 from omni_sim.masses import MassProperties
-from omni_sim.vehicle import dynamics, roller_dynamics, suspension, uneven_ground
+from omni_sim.vehicle import roller_dynamics, suspension, uneven_ground
 from omni_sim.vehicle.plant import static_loads
 from omni_sim.vehicle.state import ROLLER, State
 from omni_sim.wheel import brake_pressure, roller_contact, steering
@@ -60,7 +60,7 @@ def place(
     wheels["load"] = pressing * static_loads(plant)
     wheels["angle"] = angle
     if state.suspension.stiffness > 0.0:
-        dynamics.standing(state, 0.0)
+        uneven_ground.standing(state, 0.0)
         weight = pressing * plant.mass * GRAVITY
         wheels["load"] = suspension.settle(plant, state.suspension, wheels["angle"], weight)
     if plant.roller_pitch > 0.0:
@@ -145,6 +145,6 @@ def _lean_on_ground(state: State, x: float, y: float) -> None:
     body = state.body[0]
     g_x, g_y = body["x"] - x, body["y"] - y
     for _ in range(_PLACEMENTS if len(state.terrain.parts) else 0):
-        body["tilt_x"], body["tilt_y"] = dynamics.standing(state, 0.0)[3:5]
+        body["tilt_x"], body["tilt_y"] = uneven_ground.standing(state, 0.0)[3:5]
         d_x, d_y = uneven_ground.level(body["tilt_x"], body["tilt_y"], g_x, g_y)
         body["x"], body["y"] = x + d_x, y + d_y

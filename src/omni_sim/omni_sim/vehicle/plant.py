@@ -1,4 +1,4 @@
-"""Conversion of a vehicle's configuration to the constants of the dynamics kernel."""
+"""Conversion of a vehicle's configuration to the state of the dynamics kernel."""
 
 import math
 
@@ -7,6 +7,7 @@ import numpy as np
 from omni_core.geometry import cross
 from omni_core.kinematics import PlatformKinematics
 from omni_core.quantities import GRAVITY, FloatArray
+from omni_sim.ground.configuration import ElevationConfiguration
 from omni_sim.ground.friction import FrictionMap
 from omni_sim.masses import support_polygon
 from omni_sim.tire.combined_slip import passive_parameters
@@ -14,20 +15,49 @@ from omni_sim.tire.models import kernel_parameters
 from omni_sim.vehicle import state
 from omni_sim.vehicle.configuration import VehicleConfiguration
 from omni_sim.vehicle.loads import load_plane, wheel_loads
+from omni_sim.wheel.brake_pressure import build_brake_pressure
 from omni_sim.wheel.roller_geometry import AXIS
 from omni_sim.wheel.steering import build_steering
 
 
-def build_plant(
-    configuration: VehicleConfiguration, friction: FrictionMap, physics_step: float
-) -> state.Plant:
-    """Return the constants of a vehicle for the kernel.
+def build_state(
+    configuration: VehicleConfiguration,
+    friction: FrictionMap,
+    physics_step: float,
+    elevation: ElevationConfiguration,
+) -> state.State:
+    """Return the state of a vehicle that has not been placed yet, with all its constants.
 
     Args:
         configuration: configuration of the vehicle.
         friction: friction of the ground.
         physics_step: length of a step [s].
+        elevation: elevation of the ground.
     """
+    brake, n = configuration.brake, len(configuration.wheels)
+    plant, losses = _losses(configuration, _plant(configuration, friction, physics_step))
+    lag = brake.time_constant, brake.dead_time
+    valves = brake.pressure_step, brake.release_time
+    return state.State(
+        plant=plant,
+        terrain=elevation.terrain,
+        losses=losses,
+        suspension=_suspension(configuration),
+        body=np.zeros(1, state.BODY),
+        contacts=plant.contact.copy(),
+        rollers=_rollers(configuration),
+        treads=_treads(configuration, plant),
+        wheels=np.zeros(n, state.WHEEL),
+        counters=np.zeros(1, state.COUNTERS),
+        pressure=build_brake_pressure(*lag, n, physics_step, *valves),
+        loads=np.empty(n),
+    )
+
+
+def _plant(
+    configuration: VehicleConfiguration, friction: FrictionMap, physics_step: float
+) -> state.Plant:
+    """Return the constants of a vehicle for the kernel."""
     kinematics, masses = PlatformKinematics.of(configuration.wheels), configuration.masses
     geometry = kinematics.geometry
     tire, brake = configuration.tire, configuration.brake
@@ -43,7 +73,7 @@ def build_plant(
         yaw_inertia=masses.yaw_inertia,
         center=(float(masses.center[0]), float(masses.center[1])),
         filter_share=physics_step / (physics_step + configuration.load_transfer_time),
-        contact=structured(state.CONTACT, lever, geometry.active, moment, rim),
+        contact=_structured(state.CONTACT, lever, geometry.active, moment, rim),
         radius=geometry.radius,
         mobility=_mobility(configuration, lever, geometry.active, moment),
         rolling=np.zeros((len(lever), 3)),
@@ -73,16 +103,12 @@ def build_plant(
     return plant._replace(rolling=kinematics.wheel_speeds(np.eye(3), radius).T.copy())
 
 
-def build_losses(
+def _losses(
     configuration: VehicleConfiguration, plant: state.Plant
 ) -> tuple[state.Plant, state.Losses]:
     """Return a plant whose mobilities include the passive losses, and the constants of the losses.
 
     Without losses, and for wheels with individual rollers, the plant is returned unchanged.
-
-    Args:
-        configuration: configuration of the vehicle.
-        plant: plant from `build_plant`.
     """
     losses = configuration.passive_losses
     if not losses.active or configuration.wheel_model == "rollers":
@@ -102,17 +128,13 @@ def build_losses(
     coupled = plant.mobility + (mobilities[0].sum(axis=0) + own * active_rim)
     mobility = mobilities[0].sum(axis=1) + mobilities[1].sum(axis=1)
     mobility += own * (active_rim + np.abs(rim))
-    constants = structured(state.LOSS, geometry.passive, moment, rim, mobility)
+    constants = _structured(state.LOSS, geometry.passive, moment, rim, mobility)
     shares = losses.constant_share, losses.growing_share, losses.inertia, losses.speed_growth
     return plant._replace(mobility=coupled), state.Losses(constants, *shares)
 
 
-def build_rollers(configuration: VehicleConfiguration) -> state.Rollers | None:
-    """Return the individual rollers of a vehicle; None for single-roller wheels.
-
-    Args:
-        configuration: configuration of the vehicle.
-    """
+def _rollers(configuration: VehicleConfiguration) -> state.Rollers | None:
+    """Return the individual rollers of a vehicle; None for single-roller wheels."""
     if configuration.wheel_model != "rollers":
         return None
     rollers, n = configuration.rollers, len(configuration.wheels)
@@ -130,13 +152,8 @@ def build_rollers(configuration: VehicleConfiguration) -> state.Rollers | None:
     )
 
 
-def build_treads(configuration: VehicleConfiguration, plant: state.Plant) -> state.Treads | None:
-    """Return the contacts of a vehicle with conventional wheels; None for other vehicles.
-
-    Args:
-        configuration: configuration of the vehicle.
-        plant: plant from `build_plant`.
-    """
+def _treads(configuration: VehicleConfiguration, plant: state.Plant) -> state.Treads | None:
+    """Return the contacts of a vehicle with conventional wheels; None for other vehicles."""
     geometry = PlatformKinematics.of(configuration.wheels).geometry
     conventional = geometry.conventional
     if not conventional.any():
@@ -153,12 +170,8 @@ def build_treads(configuration: VehicleConfiguration, plant: state.Plant) -> sta
     )
 
 
-def build_suspension(configuration: VehicleConfiguration) -> state.Suspension:
-    """Return the suspension of a chassis for the kernel.
-
-    Args:
-        configuration: configuration of the vehicle.
-    """
+def _suspension(configuration: VehicleConfiguration) -> state.Suspension:
+    """Return the suspension of a chassis for the kernel."""
     masses = configuration.masses
     springs, n = configuration.suspension, len(configuration.wheels)
     box = masses.mass / 12.0 * (4.0 * masses.height**2 + np.square(configuration.chassis_size))
@@ -183,7 +196,7 @@ def static_loads(plant: state.Plant) -> FloatArray:
     return loads
 
 
-def structured(kind: np.dtype[np.void], *columns: FloatArray) -> state.Structured:
+def _structured(kind: np.dtype[np.void], *columns: FloatArray) -> state.Structured:
     """Return a structured array of the type `kind`, shape (N,).
 
     Its fields are filled, in their order, from columns of shape (N,) or (N, k).

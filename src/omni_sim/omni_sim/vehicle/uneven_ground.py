@@ -38,9 +38,10 @@ import math
 import numpy as np
 
 from omni_core.kernels import lean
-from omni_core.quantities import FloatArray
+from omni_core.quantities import GRAVITY, FloatArray, Pair
 from omni_sim.ground.configuration import Terrain
 from omni_sim.ground.elevation import elevation_at
+from omni_sim.vehicle.state import Record, State
 
 
 @lean
@@ -100,6 +101,50 @@ def stand(
         heights[i] -= height + forward * position[i, 0] + left * position[i, 1]
     up = 1.0 / math.sqrt(1.0 + slope_x * slope_x + slope_y * slope_y)
     return height, forward, left, -slope_x * up, -slope_y * up, turn
+
+
+@lean
+def standing(state: State, ahead: float) -> tuple[float, float, float, float, float, float]:
+    """Return height and gradients of the ground at the vehicle's position after a given time.
+
+    The velocity is assumed to be constant. The result is that of `stand`.
+
+    Args:
+        state: state of the vehicle; the heights of the ground in `state.suspension` are written.
+        ahead: time until the vehicle reaches this position [s].
+    """
+    body, plant = state.body[0], state.plant
+    v_x, v_y = level(body.tilt_x, body.tilt_y, body.v_x, body.v_y)
+    yaw = body.yaw + ahead * body.yaw_rate
+    place, heading = (body.x + ahead * v_x, body.y + ahead * v_y), (math.cos(yaw), math.sin(yaw))
+    springs = state.suspension.ground
+    return stand(state.terrain, plant.position, plant.plane, place, heading, springs)
+
+
+@lean
+def follow_ground(state: State, body: Record) -> tuple[float, Pair, float]:
+    """Rotate yaw and velocity into the path plane at the middle of the step.
+
+    Returns:
+        Normal force on the ground divided by the mass [m/s^2], negative if the vehicle would take
+        off; force of gravity in the path plane [N]; moment of gravity about the normal [N m].
+    """
+    plant = state.plant
+    old_x, old_y = body.tilt_x, body.tilt_y
+    v_x, v_y = level(old_x, old_y, body.v_x, body.v_y)
+    _, _, _, new_x, new_y, turn = standing(state, 0.5 * plant.dt)
+    normal = math.sqrt(1.0 - new_x * new_x - new_y * new_y)
+    change = normal - math.sqrt(1.0 - old_x * old_x - old_y * old_y)
+    climb = -(old_x * body.v_x + old_y * body.v_y)
+    bend = ((new_x - old_x) * v_x + (new_y - old_y) * v_y + change * climb) / plant.dt
+    angle = frame_turn(old_x, old_y, new_x, new_y)
+    cos, sin = math.cos(angle), math.sin(angle)
+    v_x, v_y = body.v_x, body.v_y
+    body.v_x, body.v_y = cos * v_x - sin * v_y, sin * v_x + cos * v_y
+    body.yaw += angle
+    body.tilt_x, body.tilt_y = new_x, new_y
+    weight = plant.mass * GRAVITY
+    return GRAVITY * normal - bend, (weight * new_x, weight * new_y), -weight * turn
 
 
 @lean

@@ -16,16 +16,9 @@ from omni_sim.vehicle import dynamics, placing, uneven_ground
 from omni_sim.vehicle import state as layout
 from omni_sim.vehicle.configuration import VehicleConfiguration
 from omni_sim.vehicle.placing import along_active, rolling_radius
-from omni_sim.vehicle.plant import (
-    build_losses,
-    build_plant,
-    build_rollers,
-    build_suspension,
-    build_treads,
-)
+from omni_sim.vehicle.plant import build_state
 from omni_sim.vehicle.plausibility import vehicle_remarks
 from omni_sim.vehicle.suspension import fastest_motion, settle
-from omni_sim.wheel.brake_pressure import build_brake_pressure
 
 DEFAULT_PHYSICS_STEP = 0.0005
 """Physics step [s]."""
@@ -116,26 +109,8 @@ class Vehicle:
     def _build_state(
         self, friction: FrictionMap, elevation: ElevationConfiguration | None
     ) -> layout.State:
-        configuration, brake = self.configuration, self.configuration.brake
-        plant = build_plant(configuration, friction, self.physics_step)
-        plant, losses = build_losses(configuration, plant)
-        n = len(configuration.wheels)
-        lag = brake.time_constant, brake.dead_time
-        valves = brake.pressure_step, brake.release_time
-        return layout.State(
-            plant=plant,
-            terrain=(elevation or ElevationConfiguration()).terrain,
-            losses=losses,
-            suspension=build_suspension(configuration),
-            body=np.zeros(1, layout.BODY),
-            contacts=plant.contact.copy(),
-            rollers=build_rollers(configuration),
-            treads=build_treads(configuration, plant),
-            wheels=np.zeros(n, layout.WHEEL),
-            counters=np.zeros(1, layout.COUNTERS),
-            pressure=build_brake_pressure(*lag, n, self.physics_step, *valves),
-            loads=np.empty(n),
-        )
+        ground = elevation or ElevationConfiguration()
+        return build_state(self.configuration, friction, self.physics_step, ground)
 
     def _static_ride(self, largest: float = 0.5) -> quantities.FloatArray:
         """Return heave [m] and gradients [1] of the chassis at rest, shape (3,).
@@ -299,7 +274,7 @@ class Vehicle:
         """
         if not self.uneven and self.state.suspension.stiffness == 0.0:
             return np.zeros(3)
-        height, forward, left, _, _, _ = dynamics.standing(self.state, 0.0)
+        height, forward, left, _, _, _ = uneven_ground.standing(self.state, 0.0)
         heave, pitch, roll = self._chassis - self._rest
         height, forward, left = height + heave, forward + pitch, left + roll
         rise = uneven_ground.orientation(float(self.state.body[0]["yaw"]), forward, left)[2]
@@ -342,7 +317,7 @@ class Vehicle:
         g_x, g_y = self.masses.center
         above = float(heave + forward * (x - g_x) + left * (y - g_y))
         if self.uneven:
-            height, forward, left, _, _, _ = dynamics.standing(self.state, 0.0)
+            height, forward, left, _, _, _ = uneven_ground.standing(self.state, 0.0)
             world_x, world_y, yaw = self.pose
             cos, sin = math.cos(yaw), math.sin(yaw)
             ground = elevation_at(

@@ -12,6 +12,9 @@ Table 3 also lists the pixel clocks, from which the line rate follows as clock /
 to the table, the height of the image of the LIS-770i has five steps; it gives only the largest. The
 study computes width and speed of the view for five equal steps.
 
+A grating out of focus loses contrast; the study compares the simulated contrast with that of a
+Gaussian blur.
+
 The whole odometry is then tested with three cameras of each type at their highest speed, in forward
 and in sideways motion.
 """
@@ -31,6 +34,8 @@ from omni_core.quantities import FloatArray
 from omni_core.sensors import LineSensor
 from omni_runs.figures import style
 from omni_runs.metrics import Metric
+from omni_sim.camera.camera import LineCameraArray
+from omni_sim.camera.configuration import CameraConfiguration
 from omni_sim.texture.texture import GroundTexture
 from omni_studies import line_options
 from omni_studies.line_trials import view_grid
@@ -75,6 +80,8 @@ _IMAGE = (6006e-6, 312.5e-6)  # length and largest height of the image of the LI
 _HEIGHTS = 5
 _SHARES = np.arange(0.2, 2.301, 0.05)  # tested speeds relative to the computed speed
 _SECOND = "lis_770i_full"  # mode of Table 3
+# A grating under a generic camera whose lens is one depth of field or more from its focus.
+_PERIOD, _APERTURE, _HEIGHTS_OFF = 1e-3, 0.1, (1e-3, 2e-3, 4e-3)  # [m], [1], [m]
 _DIRECTIONS = {"ahead": (1.0, 0.0, 0.0), "sideways": (0.0, 1.0, 0.0)}
 
 
@@ -129,7 +136,7 @@ def run(options: Options, study: StudyRun) -> StudyResult:
     for ground, texture in grounds.items():
         for name, sensor in sensors.items():
             metrics |= _driven(f"{name}_{ground}", sensor, texture, options)
-    metrics |= clock_metrics() | height_metrics(sensors["lis770i"])
+    metrics |= clock_metrics() | height_metrics(sensors["lis770i"]) | defocus_metrics()
     full = study.experiments.camera(_SECOND).sideways_speed
     metrics["computed_speed.lis770i_full"] = Metric(full, "m/s", note="770 px at 1300 lines/s")
     study.figure("sensor_presets.png", draw_speed_limits(tried, options.needed))
@@ -157,6 +164,35 @@ def height_metrics(sensor: LineSensor) -> dict[str, Metric]:
         note = "five equal steps are an assumption; the text gives the largest"
         metrics[f"height_width.step_{step}"] = Metric(1e3 * view.width, "mm", note=note)
         metrics[f"height_speed.step_{step}"] = Metric(view.sideways_speed, "m/s", note=note)
+    return metrics
+
+
+def defocus_metrics() -> dict[str, Metric]:
+    """Return the contrast of a grating at heights out of focus, and that in closed form.
+
+    A blur with the standard deviation ``s`` reduces the contrast of a sine of the wavelength L by
+    ``exp(-2 (pi s / L)^2)`` compared with a lens in focus, besides the mean over each pixel.
+    """
+    size = 0.05
+    sine = np.sin(math.tau * np.arange(4096) * size / _PERIOD / 4096)
+    columns = np.rint(128.0 + 100.0 * sine).astype(np.uint8)
+    ground = GroundTexture(np.tile(columns, (4096, 1)), size)
+    metrics: dict[str, Metric] = {}
+    sharp = math.nan
+    for height in (0.0, *_HEIGHTS_OFF):
+        optics = CameraConfiguration(
+            noise=0.0, numerical_aperture=_APERTURE, height_error=height, bit_depth=16
+        )
+        sensor = LineSensor(x=0.0, y=0.0, heading_deg=0.0, length=0.8 * size)
+        cameras = LineCameraArray({"": sensor}, ground, optics, np.random.SeedSequence(0))
+        contrast = float(np.ptp(cameras.cameras[""].grays(np.zeros((1, 3)))))
+        if height == 0.0:
+            sharp = contrast
+            continue
+        closed = math.exp(-2.0 * (math.pi * optics.defocus(0.0) / _PERIOD) ** 2)
+        case = f"{1e3 * height:.0f}_mm"
+        metrics[f"grating_contrast.{case}"] = Metric(contrast / sharp, "1")
+        metrics[f"grating_closed_form.{case}"] = Metric(closed, "1")
     return metrics
 
 

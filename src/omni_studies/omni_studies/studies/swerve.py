@@ -7,7 +7,8 @@ function of sideways velocity and yaw rate.
 
 Section 3.7 names wheels of different roller angles as a cause of rotation. The study simulates the
 stop of the experiment straight_line with one wheel whose angle differs, in the vehicle or only in
-the assistant's parameters. Figure 24 states at which heading the rotation ends (`equilibrium`).
+the assistant's parameters. In the last stops, the fork has raised the load (Appendix A). Figure 24
+states at which heading the rotation ends (`equilibrium`).
 """
 
 import dataclasses
@@ -42,6 +43,7 @@ _TITLES = {
 
 
 _ANGLE_ERRORS = (0.0, 5.0, 10.0, -10.0)  # deg
+_RAISED = 1.7  # height of the load on the raised fork, which the forklift carries upright [m]
 _SPEED = 10.0  # speed before the stop that shows the equilibrium, as in straight_line [m/s]
 _EQUILIBRIUM_TIME = 1.0  # time after which its angle is evaluated [s]
 
@@ -116,6 +118,7 @@ def run(options: Options, study: StudyRun) -> StudyResult:
         )
     }
     metrics |= equilibrium(loaded) | roller_angle_metrics(study, options.vehicle)
+    metrics |= fork_metrics(study, options.vehicle)
     study.figure("forces.png", _draw_forces(wheels))
     study.figure("weighting.png", weighting_functions())
     study.figure("manifold.png", _draw_manifold(manifolds, options.speed))
@@ -158,12 +161,28 @@ def roller_angle_metrics(study: StudyRun, vehicle: str) -> dict[str, Metric]:
             ("unequal", "assisted", (own, known)),
             ("wrong", "assisted", (known,)),
         ):
-            overrides = (f"vehicle={vehicle}", *WITHOUT_CAMERAS, *changes)
-            history = run_closed_loop(study.experiments.load("straight_line", variant, overrides))
-            turned = math.degrees(abs(float(history.pose[-1, 2] - history.pose[0, 2])))
             sign = "minus" if error < 0.0 else "plus"
-            metrics[f"rotation.{case}_{sign}_{abs(error):.0f}"] = Metric(turned, "deg")
+            metrics[f"rotation.{case}_{sign}_{abs(error):.0f}"] = _rotation(
+                study, vehicle, variant, *changes
+            )
     return metrics
+
+
+def fork_metrics(study: StudyRun, vehicle: str) -> dict[str, Metric]:
+    """Return the rotation in stops with the load as in the vehicle's file, and raised by a fork."""
+    raised = ("vehicle.fork.time=[0, 1]", f"vehicle.fork.height=[{_RAISED}, {_RAISED}]")
+    return {
+        f"fork_rotation.{case}_{variant}": _rotation(study, vehicle, variant, *changes)
+        for variant in ("unassisted", "assisted")
+        for case, changes in (("lowered", ()), ("raised", raised))
+    } | {"fork_height.raised": Metric(_RAISED, "m")}
+
+
+def _rotation(study: StudyRun, vehicle: str, variant: str, *changes: str) -> Metric:
+    """Return the rotation in a stop of the experiment straight_line with a vehicle."""
+    overrides = (f"vehicle={vehicle}", *WITHOUT_CAMERAS, *changes)
+    history = run_closed_loop(study.experiments.load("straight_line", variant, overrides))
+    return Metric(math.degrees(abs(float(history.pose[-1, 2] - history.pose[0, 2]))), "deg")
 
 
 def _with_load_in_the_middle(vehicle: VehicleConfiguration) -> VehicleConfiguration:

@@ -7,7 +7,7 @@ and motions are averaged over the wheel angles and compared between individual r
 single-roller wheel. The study also refines the time step, determines how far a vehicle moves while
 parked on a slope and after a stop, and measures the computing time per wheel. Finally, the forklift
 is pushed and brakes on conventional wheels, Mecanum wheels and omni-wheels (Figure 23, `kinds`);
-`parts` has two rows of rollers and a motor.
+`parts` has two rows of rollers, rolling resistance and a motor.
 
 In ``mujoco``, the same vehicle brakes fully from the same motion on single-roller wheels, on
 individual rollers, and in MuJoCo, both unassisted and with the brake assistant, whose feedback is

@@ -1,4 +1,4 @@
-"""Numbers of two rows of rollers (Figure 2) and of a motor (Appendix A), next to closed forms."""
+"""Numbers next to closed forms: rows of rollers (Figure 2), rolling resistance, motor (App. A)."""
 
 import dataclasses
 import math
@@ -22,16 +22,18 @@ _RESISTANCE = 0.1  # resistance to the rolling vehicle, as a multiple of its wei
 _STALL, _IDLING = 65.0, 15.0  # [N m], [rad/s]
 _LONG = 20.0  # six time constants of the acceleration to the idling speed [s]
 _CURRENT_TIME = 0.05  # time constant of the current loop [s]
+# Rollers that slow a vehicle which moves sideways at 3 m/s by a fifth within half a second.
+_GROWTH, _SIDEWAYS, _COASTING = 0.01, 3.0, 0.5  # [s^2/m^2], [m/s], [s]
 
 
 def metrics(mecanum: VehicleConfiguration, omni: VehicleConfiguration) -> dict[str, Metric]:
-    """Return the numbers of two rows on two vehicles, and of a motor on the first of them.
+    """Return the numbers of two rows on two vehicles, and the others on the first of them.
 
     Args:
         mecanum: vehicle on Mecanum wheels.
         omni: vehicle on omni-wheels.
     """
-    found = _stops(mecanum) | _motor(mecanum)
+    found = _stops(mecanum) | _motor(mecanum) | _coasting(mecanum)
     lever = row_levers(_with_rollers(omni, rows_apart=_APART))
     return found | {
         "row_lever.largest": Metric(1e3 * float(np.max(np.abs(lever))), "mm"),
@@ -78,6 +80,30 @@ def _stops(vehicle: VehicleConfiguration) -> dict[str, Metric]:
         found[f"rows_rotation.{case}"] = Metric(abs(math.degrees(moved[2])), "deg")
         found[f"rows_distance.{case}"] = Metric(float(np.hypot(*moved[:2])), "m")
     return found
+
+
+def _coasting(vehicle: VehicleConfiguration) -> dict[str, Metric]:
+    """Return the final speed of a vehicle that rollers slow sideways, and that in closed form.
+
+    Each roller of a Mecanum wheel rolls at ``sqrt(2) v`` and resists with ``f_2 (sqrt(2) v)^2 F_z``
+    along it, so ``dv/dt = -k v^2`` with ``k = 2 sqrt(2) f_2 m g / (m + N I / r^2)``.
+    """
+    losses = dataclasses.replace(vehicle.passive_losses, speed_growth=_GROWTH)
+    middle = dataclasses.replace(vehicle.load, x=0.0, y=0.0)
+    machine = Vehicle(
+        dataclasses.replace(vehicle, load=middle, passive_losses=losses),
+        twist=(0.0, _SIDEWAYS, 0.0),
+    )
+    mass, radius = machine.masses.mass, float(np.mean(rolling_radius(machine.state)))
+    inertia = mass + len(vehicle.wheels) * vehicle.wheel_inertia / radius**2
+    rate = math.sqrt(8.0) * _GROWTH * mass * GRAVITY / inertia
+    expected = _SIDEWAYS / (1.0 + rate * _SIDEWAYS * _COASTING)
+    free = np.zeros(len(vehicle.wheels))
+    machine.advance(round(_COASTING / machine.physics_step), 1.0, free, np.zeros(3))
+    return {
+        "coasting_speed.simulated": Metric(float(machine.twist[1]), "m/s"),
+        "coasting_speed.closed_form": Metric(expected, "m/s"),
+    }
 
 
 def _motor(vehicle: VehicleConfiguration) -> dict[str, Metric]:

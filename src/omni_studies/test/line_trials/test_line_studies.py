@@ -20,10 +20,11 @@ from omni_studies.studies import (
     error_maps,
     estimators,
     grounds,
+    sensor_presets,
 )
 from omni_studies.study import StudyResult, StudyRun, load_study, run_study
 from omni_tools.line_trials.rig import View, camera
-from omni_tools.line_trials.trials import Matches, TwistTrial, cramer_rao_bound
+from omni_tools.line_trials.trials import Matches, TwistTrial, ViewMotion, cramer_rao_bound
 
 CONFIG = Path(__file__).parents[4] / "config"
 
@@ -85,6 +86,41 @@ def test_the_median_removes_errors_of_less_than_half_of_a_group() -> None:
     found = matches([4.5] * 20, [4] * 3 + [300] * 4 + [5] * 3 + [300] * 6 + [5] * 4)
     assert found.median_error(10).tolist() == [0.0, 296.0]
     assert found.right_medians(10) == 0.5
+
+
+def test_medians_below_60_percent_overlap_are_counted_by_the_size_of_their_error() -> None:
+    """Groups of ten with errors of 0, 3, 300 and 3 px; the last view has too much overlap."""
+    view = View()
+    half, most = (
+        ViewMotion(view, (1.0 - share) * view.width * view.line_rate, math.pi / 2.0)
+        for share in (0.5, 0.9)
+    )
+    assert half.overlap == pytest.approx(0.5)
+    assert most.overlap == pytest.approx(0.9)
+    found = [(half, matches([4.5] * 30, [4] * 10 + [7] * 10 + [304] * 10))]
+    metrics = error_maps._median_metrics("x", [*found, (most, matches([4.5] * 10, [7] * 10))])
+    for name in ("median_off_2_to_5_share.x", "median_off_over_5_share.x"):
+        assert metrics[name].value == pytest.approx(1.0 / 3.0)
+
+
+def test_line_rates_and_heights_are_those_of_table_3() -> None:
+    """The table gives frame rates of 2985, 1300 and 15600 lines/s, and the largest height."""
+    for clocked in sensor_presets.clock_metrics().values():
+        assert clocked.value == pytest.approx(clocked.reference, rel=0.005)
+    sensor = ExperimentLibrary(CONFIG).camera("lis_770i")
+    heights = sensor_presets.height_metrics(sensor)
+    widths = [heights[f"height_width.step_{step}"].value for step in range(1, 6)]
+    np.testing.assert_allclose(np.diff(widths), widths[0])
+    # The preset has the rounded width of Table 4.
+    assert widths[-1] == pytest.approx(1e3 * sensor.width, rel=0.05)
+    assert heights["height_speed.step_5"].value == pytest.approx(sensor.sideways_speed, rel=0.05)
+
+
+def test_a_grating_out_of_focus_has_the_contrast_of_a_gaussian_blur() -> None:
+    found = sensor_presets.defocus_metrics()
+    for height in ("1_mm", "2_mm", "4_mm"):
+        closed = found[f"grating_closed_form.{height}"].value
+        assert found[f"grating_contrast.{height}"].value == pytest.approx(closed, abs=0.005)
 
 
 def test_the_needed_overlap_is_above_every_failure() -> None:

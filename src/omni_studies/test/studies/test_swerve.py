@@ -21,6 +21,12 @@ def test_an_even_load_slides_straight_and_an_uneven_one_turns_to_it(tmp_path: Pa
     assert value["side_force.even"] == pytest.approx(0.0, abs=1e-6)
     assert value["yaw_moment.even"] == pytest.approx(0.0, abs=1e-6)
     assert value["yaw_moment.uneven"] > 500.0  # the load is to the front left
+    # Figure 24: the active direction of the loaded wheel becomes parallel to the velocity.
+    assert value["equilibrium_angle.start"] == pytest.approx(45.0, abs=0.5)
+    assert value["equilibrium_angle.later"] < 1.0
+    # A raised load moves more of the weight to the front wheels, and so to the loaded one.
+    assert value["fork_rotation.raised_unassisted"] > value["fork_rotation.lowered_unassisted"]
+    assert value["fork_rotation.raised_assisted"] < 10.0
     assert [claim.found.status for claim in result.claims] == ["met"] * 3
     figures = [path for path in result.files if path.suffix == ".png"]
     assert all(path.stat().st_size > 10_000 for path in figures)

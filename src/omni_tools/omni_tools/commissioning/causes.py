@@ -65,6 +65,7 @@ class Cause(NamedTuple):
         harmless: whether the file and the wiring of the vehicle can remain as they are.
         mounts: corrected mounts of wheels.
         radius: factor by which the radius of a wheel must be divided [1].
+        dead_time: corrected dead time of the brakes [s]; None if it is not the cause.
     """
 
     key: str
@@ -75,6 +76,7 @@ class Cause(NamedTuple):
     harmless: bool = False
     mounts: Mapping[str, WheelMount] = {}
     radius: Mapping[str, float] = {}
+    dead_time: float | None = None
 
 
 Solution = tuple[Cause, ...]
@@ -138,7 +140,7 @@ def solutions(
 def classes(found: Sequence[Solution]) -> tuple[list[Cause], list[list[Solution]]]:
     """Return the causes that all explanations contain, and the alternatives of each class."""
     keys = [{cause.key for cause in solution} for solution in found]
-    groups = [{key} for key in set().union(*keys)]
+    groups = [{key} for key in dict.fromkeys(cause.key for one in found for cause in one)]
     pairs = sorted(itertools.combinations(keys, 2), key=lambda pair: len(pair[0] ^ pair[1]))
     for one, other in pairs:
         differing = [group for group in groups if group & (one ^ other)]
@@ -228,29 +230,22 @@ def _structures(
         known: displacement x, y [m] and rotation [rad] in each motion, shape (3, 3).
     """
     predicted = predicted_angles(wheels, known)
-    size = np.sqrt(np.mean(predicted**2, axis=1, keepdims=True))
-    scale = np.array([_typical(a, p) for a, p in zip(angle, predicted, strict=True)])
-    measured = angle / scale[:, np.newaxis]
+    size = scales.mean_size(predicted)
     options: list[list[tuple[Solution, WheelMount]]] = []
     for row, (name, mount) in enumerate(wheels.items()):
         fitting: list[tuple[Solution, WheelMount]] = []
-        if _same_signs(measured[:, row], predicted[:, row], size[:, 0]):
-            fitting.append(((), mount))
-        for part, remedy, changed in _changes(mount):
+        changes = [one for one in _changes(mount) if one[2] != mount]
+        for part, remedy, changed in (("", "", mount), *changes):
             turned = _column({**wheels, name: changed}, known, row)
-            if (
-                changed != mount
-                and turned is not None
-                and _same_signs(measured[:, row], turned, size[:, 0])
-            ):
+            if turned is not None and scales.turns_alike(turned, angle[:, [row]], size)[0]:
                 key, words = f"{part} {name}", f"{part} of wheel {name} is wrong"
                 cause = Cause(key, words, remedy, f"look at wheel {name}", mounts={name: changed})
-                fitting.append(((cause,), changed))
+                fitting.append(((cause,) if part else (), changed))
         options.append(fitting)
     for chosen in itertools.product(*options):
         causes = tuple(cause for one, _ in chosen for cause in one)
         yield causes, {name: mount for name, (_, mount) in zip(wheels, chosen, strict=True)}
-    yield from _swaps(wheels, measured, predicted)
+    yield from _swaps(wheels, angle, predicted)
     for of_all in zip(*map(_changes, wheels.values()), strict=True):
         part, remedy, _ = of_all[0]
         mounts = {name: mount for name, (_, _, mount) in zip(wheels, of_all, strict=True)}
@@ -258,26 +253,11 @@ def _structures(
         yield (Cause(f"{part} all", name, advice, "look at the wheels", mounts=mounts),), mounts
 
 
-def _typical(angle: FloatArray, predicted: FloatArray) -> float:
-    """Return the median ratio of measured and predicted angles of the wheels that turn [1]."""
-    turning = np.abs(predicted) > 0.3 * np.max(np.abs(predicted))
-    return max(float(np.median(np.abs(angle[turning] / predicted[turning]))), 1e-9)
-
-
 def _column(wheels: Mapping[str, WheelMount], known: FloatArray, row: int) -> FloatArray | None:
     try:
-        return predicted_angles(wheels, known)[:, row]
+        return predicted_angles(wheels, known)[:, [row]]
     except ConfigurationError:  # wheels that no vehicle can have
         return None
-
-
-def _same_signs(measured: FloatArray, predicted: FloatArray, size: FloatArray) -> bool:
-    """Return whether a wheel turns in the predicted direction in each motion, or not at all."""
-    large = np.abs(predicted) > 0.1 * size
-    if np.all(np.abs(measured) < 1e-6 * size):
-        return True
-    right = np.where(large, measured * predicted > 0.0, np.abs(measured) < 0.5 * size)
-    return bool(np.all(right))
 
 
 def _changes(mount: WheelMount) -> Iterator[tuple[str, str, WheelMount]]:
@@ -292,10 +272,12 @@ def _changes(mount: WheelMount) -> Iterator[tuple[str, str, WheelMount]]:
 
 
 def _swaps(
-    wheels: Mapping[str, WheelMount], measured: FloatArray, predicted: FloatArray
+    wheels: Mapping[str, WheelMount], angle: FloatArray, predicted: FloatArray
 ) -> Iterator[tuple[Solution, dict[str, WheelMount]]]:
     """Yield the order of the wheels that fits best, if it is not that of the file."""
     names, mounts = list(wheels), list(wheels.values())
+    scale = [_typical(a, p) for a, p in zip(angle, predicted, strict=True)]
+    measured = angle / np.array(scale)[:, np.newaxis]
     # Relative error if the speeds of wheel j are those of wheel i; a wheel keeps its place unless
     # another place fits better by more than the tolerance.
     length = np.maximum(np.linalg.norm(predicted, axis=0), 1e-9)
@@ -322,6 +304,12 @@ def _swaps(
             ),
             order,
         )
+
+
+def _typical(angle: FloatArray, predicted: FloatArray) -> float:
+    """Return the median ratio of measured and predicted angles of the wheels that turn [1]."""
+    turning = np.abs(predicted) > 0.3 * np.max(np.abs(predicted))
+    return max(float(np.median(np.abs(angle[turning] / predicted[turning]))), 1e-9)
 
 
 def _named(error: scales.Scale, factor: float, names: Sequence[str], stated: Stated) -> Cause:

@@ -22,6 +22,7 @@ from omni_core.commands.command_options import CommandOptions, option
 from omni_core.commands.command_report import Report, write_text
 from omni_core.commands.wrapped_table import WrappedTable
 from omni_core.configuration import ConfigurationError
+from omni_core.kinematics import require_omni_wheels
 from omni_core.quantities import FloatArray
 from omni_runs.workspace import ExperimentWorkspace
 
@@ -84,6 +85,7 @@ def run(options: Options, workspace: ExperimentWorkspace) -> Report:
     from omni_tools.commissioning.signals import motions_of, unchecked
 
     vehicle = workspace.experiment_library().vehicle(options.vehicle)
+    require_omni_wheels(vehicle.wheels, "check-vehicle")
     signals = _signals(options, workspace, tuple(vehicle.wheels))
     motions = motions_of(signals, tuple(vehicle.wheels))
     drive = vehicle, signals, motions
@@ -94,7 +96,7 @@ def run(options: Options, workspace: ExperimentWorkspace) -> Report:
     if not found.mistakes and topics.TWIST.name not in missing:
         undistinguished = known.undistinguished_brakes(*drive)
     values = workspace.experiment_library().vehicle_values(options.vehicle)
-    changed = known.corrected(values, found.mistakes)
+    changed = known.corrected(values, found)
     files = []
     if changed != values:
         name = f"{options.recording.resolve().name}.yaml"

@@ -7,17 +7,18 @@ sensors with the motions of a hypothesis, and the brakes with the enables that t
 """
 
 import math
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from omni_core import configuration, kinematics, topics
+from omni_core import configuration, topics
 from omni_core.geometry import WheelMount, turned
 from omni_core.quantities import FloatArray
 from omni_core.signals import upwards_problem
 from omni_sim.vehicle.configuration import VehicleConfiguration
 from omni_tools.commissioning import brakes, causes
+from omni_tools.commissioning.causes import Cause
 from omni_tools.commissioning.scales import ALLOWED, SLIP
 from omni_tools.commissioning.signals import Motions, Signals, unchecked
 
@@ -40,22 +41,7 @@ class Tolerances(NamedTuple):
 
 
 _ALLOWED = Tolerances()
-
-
-class Mistake(NamedTuple):
-    """An error in the description of a vehicle, and the remedy.
-
-    Attributes:
-        name: name of the error and of the wheel or sensor concerned.
-        remedy: advice on what to change in the description.
-        wheels: corrected wheels, keyed by name; None if the error does not concern wheels.
-        dead_time: corrected dead time of the brakes [s]; None if the dead time is not wrong.
-    """
-
-    name: str
-    remedy: str
-    wheels: Mapping[str, WheelMount] | None = None
-    dead_time: float | None = None
+_BRAKES = "brakes"  # key of the causes that concern brakes
 
 
 class Findings(NamedTuple):
@@ -65,15 +51,20 @@ class Findings(NamedTuple):
         mistakes: errors that are certain.
         undecided: alternatives that the drive cannot distinguish, each a set of causes.
         remarks: causes, such as slipping rollers, that are no error.
-        certain: keys of all certain causes.
+        wheels: wheels after the correction of the mistakes, keyed by name.
         predicted: angle of each wheel in each motion as the file predicts it [rad], shape (3, N).
     """
 
-    mistakes: list[Mistake]
+    mistakes: list[Cause]
     undecided: list[list[causes.Solution]]
-    remarks: list[causes.Cause]
-    certain: frozenset[str]
+    remarks: list[Cause]
+    wheels: Mapping[str, WheelMount]
     predicted: FloatArray
+
+    @property
+    def certain(self) -> frozenset[str]:
+        """Keys of all certain causes."""
+        return frozenset(cause.key for cause in (*self.mistakes, *self.remarks))
 
     @property
     def uncertain(self) -> bool:
@@ -92,74 +83,65 @@ def find_mistakes(
         signals: signals of the run.
         motions: motions of the run.
         stated: the three motions as the user measured them.
-
-    Raises:
-        UnusablePlatformError: a wheel is conventional.
     """
-    kinematics.require_omni_wheels(vehicle.wheels, "check-vehicle")
     # A gyro measures the angle of the rotation more accurately than a tape, unless it is wrong.
     by_tape = float(stated.size[2])
     if abs(motions.gyro[2] / by_tape - 1.0) < ALLOWED.scale:
         stated = stated._replace(size=np.array([*stated.size[:2], motions.gyro[2]]))
     wheels, known = vehicle.wheels, np.diag(stated.size)
     predicted = causes.predicted_angles(wheels, known)
-    found: list[Mistake] = []
+    found: list[Cause] = []
 
-    def sensors(moved: FloatArray) -> tuple[list[causes.Cause], FloatArray]:
-        causes, ratios = _sensors(motions, moved)
+    def sensors(moved: FloatArray) -> tuple[list[Cause], FloatArray]:
+        of_sensors, ratios = _sensors(motions, moved)
         ratios[2] *= stated.size[2] / by_tape  # the yaw rate is compared with the tape
-        return causes, ratios
+        return of_sensors, ratios
 
     explained = causes.solutions(wheels, motions.angle, stated, sensors)
     if not explained:
         words = "wheels: no single mistake of each wheel explains the wheel angles"
         remedy = "check distances and directions of the motions; then check each wheel on blocks"
-        found.append(Mistake(words, remedy))
+        found.append(Cause("wheels", words, remedy))
         explained = causes.solutions(wheels, predicted, stated, sensors)
     certain, undecided = causes.classes(explained)
-    final = causes.corrected_wheels(wheels, certain)
-    for cause in certain:
-        if cause.cost != SLIP:
-            changes = cause.mounts or cause.radius
-            found.append(Mistake(cause.name, cause.remedy, final if changes else None))
+    found += [cause for cause in certain if cause.cost != SLIP]
+    remarks = [cause for cause in certain if cause.cost == SLIP]
     if not math.isnan(signals.upwards) and (problem := upwards_problem(signals.upwards)):
-        found.append(Mistake(*problem))
+        found.append(Cause("imu upwards", *problem))
     # The slip is computed from wheel speeds and twists, so brakes are checked last.
     involved = [*certain, *(one for group in undecided for part in group for one in part)]
     if all(map(_leaves_brakes, involved)) and topics.TWIST.name not in unchecked(signals, motions):
         found += _brake_mistakes(vehicle, signals, motions)
     if signals.inverse_pedal:
         remedy = "1 must be full braking and 0 none: publish 1 minus this value"
-        found.append(Mistake("pedal: the braking demand is inverted", remedy))
-    remarks = [cause for cause in certain if cause.cost == SLIP]
-    keys = frozenset(cause.key for cause in certain)
-    return Findings(found, undecided, remarks, keys, predicted)
+        found.append(Cause("pedal", "pedal: the braking demand is inverted", remedy))
+    return Findings(found, undecided, remarks, causes.corrected_wheels(wheels, certain), predicted)
 
 
-def _leaves_brakes(cause: causes.Cause) -> bool:
+def _leaves_brakes(cause: Cause) -> bool:
     """Return whether the brakes can be checked although this cause may exist."""
     return cause.harmless or cause.key in ("lever", "gyro") or cause.key.startswith("imu")
 
 
-def corrected(vehicle: Mapping[str, Any], mistakes: Iterable[Mistake]) -> dict[str, Any]:
+def corrected(vehicle: Mapping[str, Any], found: Findings) -> dict[str, Any]:
     """Return the nested values of a vehicle's file after correction of the errors.
 
     Args:
         vehicle: values of the file.
-        mistakes: errors found; errors outside the file have no effect.
+        found: errors found; errors outside the file have no effect.
     """
     changed = dict(vehicle)
-    for mistake in mistakes:
-        if mistake.wheels is not None:
+    for mistake in found.mistakes:
+        if mistake.mounts or mistake.radius:
             changed["wheels"] = {
-                name: configuration.to_mapping(mount) for name, mount in mistake.wheels.items()
+                name: configuration.to_mapping(mount) for name, mount in found.wheels.items()
             }
         if mistake.dead_time is not None:
             changed["brake"] = {**changed.get("brake", {}), "dead_time": mistake.dead_time}
     return changed
 
 
-def _sensors(motions: Motions, known: FloatArray) -> tuple[list[causes.Cause], FloatArray]:
+def _sensors(motions: Motions, known: FloatArray) -> tuple[list[Cause], FloatArray]:
     """Return errors of signs, axes and positions of the sensors, and the ratios of their scales.
 
     Args:
@@ -171,7 +153,7 @@ def _sensors(motions: Motions, known: FloatArray) -> tuple[list[causes.Cause], F
         of the gyro [1], shape (4,), NaN if it was not measured.
     """
     signs, size = np.sign(np.diag(known))[:, np.newaxis], np.abs(np.diag(known))
-    found: list[causes.Cause] = []
+    found: list[Cause] = []
     ratios = np.full(4, math.nan)
     if np.all(np.isfinite(motions.twist)):
         forward, left, turn = signs * motions.twist
@@ -182,7 +164,7 @@ def _sensors(motions: Motions, known: FloatArray) -> tuple[list[causes.Cause], F
         ratios[3] = abs(motions.gyro[2]) / size[2]
         if motions.gyro[2] * known[2, 2] < 0.0:
             remedy = "negate it, or mount it upright"
-            found.append(causes.Cause("imu yaw", "gyro: yaw rate has the wrong sign", remedy))
+            found.append(Cause("imu yaw", "gyro: yaw rate has the wrong sign", remedy))
     forward, left = force = signs[:2] * motions.force[:2]
     if np.all(np.isfinite(force)) and np.max(np.abs(force), axis=1).min() >= _ALLOWED.force:
         name, limit = "accelerometer", _ALLOWED.force_heading
@@ -192,7 +174,7 @@ def _sensors(motions: Motions, known: FloatArray) -> tuple[list[causes.Cause], F
 
 def _twist_errors(
     forward: FloatArray, left: FloatArray, turn: FloatArray, known: FloatArray
-) -> Iterator[causes.Cause]:
+) -> Iterator[Cause]:
     """Yield errors of axes, signs and position of the twist sensor.
 
     Args:
@@ -203,9 +185,7 @@ def _twist_errors(
     """
     yield from _mounting_errors("twist axes", "twist sensor", forward, left, _ALLOWED.heading)
     if turn[2] < 0.0:
-        yield causes.Cause(
-            "twist yaw", "twist sensor: yaw rate has the wrong sign", "negate the yaw rate"
-        )
+        yield Cause("twist yaw", "twist sensor: yaw rate has the wrong sign", "negate the yaw rate")
     if np.linalg.det([forward[:2], left[:2]]) < 0.0:  # the axes are mirrored
         return
     mean = _mounting_angle(forward, left)[0]
@@ -214,7 +194,7 @@ def _twist_errors(
     y, x = (moved - known[:2]) / known[2] * (-1.0, 1.0)
     if math.hypot(x, y) > _ALLOWED.offset:
         name = f"twist sensor: measures at ({x:.2f}, {y:.2f}) m instead of the center"
-        yield causes.Cause("twist place", name, "enter this position for its sensors")
+        yield Cause("twist place", name, "enter this position for its sensors")
 
 
 def _mounting_angle(forward: FloatArray, left: FloatArray) -> tuple[float, float]:
@@ -232,7 +212,7 @@ def _mounting_angle(forward: FloatArray, left: FloatArray) -> tuple[float, float
 
 def _mounting_errors(
     key: str, sensor: str, forward: FloatArray, left: FloatArray, tolerance: float
-) -> Iterator[causes.Cause]:
+) -> Iterator[Cause]:
     """Yield the error of a sensor's axes, if there is one.
 
     Args:
@@ -246,37 +226,38 @@ def _mounting_errors(
     if abs(difference) > math.pi / 2:
         if abs(forward[1]) > abs(forward[0]):
             name = f"{sensor}: x and y are swapped"
-            yield causes.Cause(key, name, "swap them, and check the signs")
+            yield Cause(key, name, "swap them, and check the signs")
         else:
             axis = "y" if forward[0] > 0.0 else "x"
-            yield causes.Cause(key, f"{sensor}: {axis} has the wrong sign", f"negate its {axis}")
+            yield Cause(key, f"{sensor}: {axis} has the wrong sign", f"negate its {axis}")
     elif abs(mean) > tolerance:
         degrees = 180 - round(180.0 - math.degrees(mean)) % 360  # 180 instead of -180
         name = f"{sensor}: mounted {degrees} deg off"
-        yield causes.Cause(key, name, "subtract this angle from its heading")
+        yield Cause(key, name, "subtract this angle from its heading")
 
 
 def _brake_mistakes(
     vehicle: VehicleConfiguration, signals: Signals, motions: Motions
-) -> Iterator[Mistake]:
+) -> Iterator[Cause]:
     names, response = list(vehicle.wheels), brakes.response_of(vehicle, signals, motions)
     pair, idle = brakes.swapped(response), brakes.idle(response)
     opposite = signals._replace(enable=1.0 - signals.enable)
     if brakes.inverted(response, brakes.response_of(vehicle, opposite, motions)):
         remedy = "1 must pass the demand and 0 release the brake: invert the outputs"
-        yield Mistake("brakes: the enables act inversely", remedy)
+        yield Cause(_BRAKES, "brakes: the enables act inversely", remedy)
     elif pair is not None:
         one, other = (names[row] for row in pair)
-        yield Mistake(f"brakes {one} and {other} are swapped", "swap their outputs")
+        yield Cause(_BRAKES, f"brakes {one} and {other} are swapped", "swap their outputs")
     elif idle is not None:
         remedy = "check its wiring, valve and power, and the order of the outputs"
-        yield Mistake(f"brake {names[idle]} does not act", remedy)
+        yield Cause(_BRAKES, f"brake {names[idle]} does not act", remedy)
     elif (late := brakes.late_brake(response)) is not None:
         row, later = late
         name = f"brake {names[row]} acts {1e3 * later:.0f} ms later than the others"
-        yield Mistake(name, "check its valve, lines, clearance and wiring")
+        yield Cause(_BRAKES, name, "check its valve, lines, clearance and wiring")
     elif (delay := brakes.dead_time(response)) is not None:
-        yield Mistake(
+        yield Cause(
+            _BRAKES,
             f"brakes: dead time is about {1e3 * delay:.0f} ms",
             f"set brake.dead_time to {delay:.2f}, or fit it by ./omni fit-brakes",
             dead_time=delay,

@@ -13,8 +13,9 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+import scipy
 
-from omni_core.quantities import FloatArray
+from omni_core.quantities import BoolArray, FloatArray
 
 
 class Tolerances(NamedTuple):
@@ -149,49 +150,64 @@ def explanations(
         errors: the scale errors that may act.
         budget: largest cost of a set.
     """
-    size = np.sqrt(np.mean(predicted**2, axis=1, keepdims=True))
+    size = mean_size(predicted)
+    if not np.all(turns_alike(predicted, angle, size)):
+        return []
     share = np.abs(predicted) / size
-    idle = np.max(np.abs(angle) / size, axis=0) < _SMALLEST
-    angle = np.where(idle, _SMALLEST * predicted, angle)
     used = share > ALLOWED.entry
+    measured = np.isfinite(ratios)
     logarithm = np.zeros(predicted.shape)
     logarithm[used] = np.log(np.maximum(np.abs(angle[used] / predicted[used]), _SMALLEST))
-    measured = np.isfinite(ratios)
     values = np.concatenate((logarithm.ravel(), np.log(np.maximum(ratios[measured], _SMALLEST))))
     rows = np.concatenate((np.ones(predicted.size, bool), measured))
     errors = [one for one in errors if np.any(one.column[rows])]
-    design = np.array([one.column[rows] for one in errors]).T
-    tests, checked = _tests(share * used, int(np.sum(measured)))
-    scaled, target = tests @ design, tests @ values
+    tests = _tests(share * used, int(np.sum(measured)))
+    scaled, target = tests @ np.array([one.column[rows] for one in errors]).T, tests @ values
     found: list[Explanation] = []
     explained: list[set[int]] = []
     for count in range(_MOST + 1):
         budget = min([budget, *(one.cost + MARGIN for one in found)])
-        for subset, size_of in _fits(scaled, target, checked, errors, count, budget):
+        for subset, size_of in _fits(scaled, target, errors, count, budget):
             if any(one <= set(subset) for one in explained):
                 continue
-            removed = design[: predicted.size, subset] @ size_of
-            rest = angle * np.exp(-removed.reshape(predicted.shape)) - predicted
-            if np.max(np.abs(rest) / size) <= ALLOWED.entry:
-                explained.append(set(subset))
-                factors = np.exp(size_of).tolist()
-                chosen = tuple((errors[k], f) for k, f in zip(subset, factors, strict=True))
-                left = np.max(np.abs((target - scaled[:, subset] @ size_of)[:checked]))
-                cost = sum(errors[k].cost for k in subset)
-                found.append(Explanation(cost, float(left), chosen))
+            explained.append(set(subset))
+            factors = np.exp(size_of).tolist()
+            chosen = tuple((errors[k], f) for k, f in zip(subset, factors, strict=True))
+            left = np.max(np.abs(target - scaled[:, subset] @ size_of))
+            found.append(Explanation(sum(errors[k].cost for k in subset), float(left), chosen))
     return found
 
 
-def _tests(share: FloatArray, sensors: int) -> tuple[FloatArray, int]:
+def mean_size(predicted: FloatArray) -> FloatArray:
+    """Return the root mean square of the wheel angles in each motion [rad], shape (3, 1)."""
+    return np.asarray(np.sqrt(np.mean(predicted**2, axis=1, keepdims=True)))
+
+
+def turns_alike(predicted: FloatArray, angle: FloatArray, size: FloatArray) -> BoolArray:
+    """Return whether a scale error may explain the directions of each wheel, shape (K,).
+
+    In each motion, the wheel turns in the predicted direction, or rests if it should; or it never
+    turns, which is a scale of 0.
+
+    Args:
+        predicted: predicted angle of K wheels in each motion [rad], shape (3, K).
+        angle: measured angles [rad], shape (3, K).
+        size: `mean_size` of all wheels [rad], shape (3, 1).
+    """
+    moved = np.maximum(np.linalg.norm(angle, axis=0), _SMALLEST)
+    own = angle * np.linalg.norm(predicted, axis=0) / moved  # without the scale of the wheel
+    rests = np.abs(own - predicted) <= ALLOWED.entry * size
+    turns = np.abs(predicted) > ALLOWED.entry * size
+    idle = np.max(np.abs(angle) / size, axis=0) < _SMALLEST
+    return np.asarray(np.all(np.where(turns, angle * predicted > 0.0, rests), axis=0) | idle)
+
+
+def _tests(share: FloatArray, sensors: int) -> FloatArray:
     """Return linear combinations of the measurements, each divided by its tolerance.
 
     Args:
         share: size of each predicted angle relative to the other wheels [1], shape (3, N).
         sensors: number of measurements after the angles.
-
-    Returns:
-        The combinations; the number of combinations, from the first one on, that must be below 1.
-        The others only weight the fit.
     """
     motions, count = share.shape
     weight = share**2
@@ -203,18 +219,13 @@ def _tests(share: FloatArray, sensors: int) -> tuple[FloatArray, int]:
             part[(index, slice(None)) if axis == 0 else (slice(None), index)] = True
             means = (weight * one / max(np.sum(weight * one), 1e-9) for one in (part, ~part))
             combinations.append(np.subtract(*means).ravel() / ALLOWED.wheel)
-    checked = len(combinations) + sensors
-    tests = np.zeros((checked + share.size, share.size + sensors))
-    tests[: len(combinations), : share.size] = combinations
-    tests[len(combinations) : checked, share.size :] = np.eye(sensors) / ALLOWED.scale
-    tests[checked:, : share.size] = np.diag(share.ravel()) / ALLOWED.entry
-    return tests, checked
+    angles = [*combinations, *np.diag(share.ravel()) / ALLOWED.entry]
+    return np.asarray(scipy.linalg.block_diag(angles, np.eye(sensors) / ALLOWED.scale))
 
 
 def _fits(
     scaled: FloatArray,
     target: FloatArray,
-    checked: int,
     errors: Sequence[Scale],
     count: int,
     budget: int,
@@ -224,13 +235,12 @@ def _fits(
     Args:
         scaled: effect of each error on each test [1], shape (tests, errors).
         target: measured value of each test [1], shape (tests,).
-        checked: number of tests to pass.
         errors: the errors.
         count: number of errors in a set.
         budget: largest cost of a set.
     """
     if not count:
-        return [([], np.zeros(0))] * bool(np.max(np.abs(target[:checked])) <= 1.0)
+        return [([], np.zeros(0))] * bool(np.max(np.abs(target)) <= 1.0)
     cost = np.array([one.cost for one in errors])
     subsets = np.array(list(itertools.combinations(range(len(errors)), count)))
     subsets = subsets[np.sum(cost[subsets], axis=1) <= budget]
@@ -240,7 +250,7 @@ def _fits(
     left = gram[subsets[:, :, None], subsets[:, None, :]] + 1e-9 * np.eye(count)
     right = (scaled.T @ target)[subsets]
     size = np.linalg.solve(left, right[..., None])[..., 0]
-    rest = target[:checked] - np.einsum("tsk,sk->st", scaled[:checked][:, subsets], size)
+    rest = target - np.einsum("tsk,sk->st", scaled[:, subsets], size)
     least, low, high = (
         np.array([getattr(one, name) for one in errors])[subsets]
         for name in ("least", "low", "high")

@@ -8,7 +8,8 @@ d(omega_i)/dt) / g_i`` are known (`omni_tools.brakes.fit`). With ``g_i = r_i cos
 with the acceleration ``a`` of base_link; `_momentum` adds the centripetal part.
 Observable are the mass and the center of gravity's distance from the line of deceleration through
 base_link; stops in two directions give both coordinates. An error of the torques that is the same
-for all brakes changes the mass, but not the center of gravity.
+for all brakes changes the mass, but not the center of gravity. The side forces of conventional
+wheels are unknown, so a vehicle on such wheels alone shows only its mass.
 """
 
 import math
@@ -138,7 +139,7 @@ def _correlation(left: FloatArray) -> float:
         if shared <= 0.0:
             break
         total += 2.0 * shared
-    return total / size
+    return total / size if size > 0.0 else 1.0
 
 
 def _braking_equations(
@@ -146,9 +147,9 @@ def _braking_equations(
 ) -> list[tuple[FloatArray, float]]:
     """Return the momentum equations of each time span in which the same wheels turn under brakes.
 
-    The forces of the other wheels are unknown, so the equations are projected onto the directions
-    that they cannot affect. They are sums from the start of the span, without their mean: the error
-    of a measured speed then occurs in one row.
+    The forces of the other wheels and the side forces of conventional wheels are unknown, so the
+    equations are projected onto the directions that they cannot affect. They are sums from the
+    start of the span, without their mean: the error of a measured speed then occurs in one row.
 
     Returns:
         For each span, the coefficients of mass, first moments and yaw inertia about base_link and
@@ -158,7 +159,11 @@ def _braking_equations(
     geometry, body = PlatformGeometry.from_wheels(vehicle.wheels), vehicle.body
     length = math.sqrt(body.yaw_inertia / body.mass)
     rim = np.sum(geometry.active * geometry.rolling, axis=1)
-    wrench = np.column_stack((geometry.active, cross(geometry.position, geometry.active) / length))
+    wrench, sideways = (
+        np.column_stack((along, cross(geometry.position, along) / length))
+        for along in (geometry.active, geometry.passive)
+    )
+    sideways = sideways[geometry.conventional]
     step, speed = np.diff(drive.time), drive.wheel_speed
     pressed = np.minimum(drive.pedal[1:], drive.pedal[:-1]) >= vehicle.drive.clutch_threshold
     turns = (np.abs(speed[1:]) > SLOWEST) & (speed[1:] * speed[:-1] > 0.0)
@@ -174,11 +179,12 @@ def _braking_equations(
     changed = np.any(turns[1:] != turns[:-1], axis=1) | (use[1:] != use[:-1])
     pieces = []
     for rows in np.split(np.arange(len(step)), np.flatnonzero(changed) + 1):
-        if not use[rows[0]] or len(rows) < _FEWEST_INTERVALS:
+        if len(rows) < _FEWEST_INTERVALS or not use[rows[0]]:
             continue
-        unknown = wrench[~turns[rows[0]]]
+        unknown = np.concatenate((wrench[~turns[rows[0]]], sideways))
         free = np.eye(3) - np.linalg.pinv(unknown) @ unknown
-        pieces.append((_summed(free @ columns[rows]), float(np.trace(free))))
+        if (rank := float(np.trace(free))) > 0.5:
+            pieces.append((_summed(free @ columns[rows]), rank))
     return pieces
 
 

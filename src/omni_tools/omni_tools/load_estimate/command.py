@@ -89,7 +89,9 @@ def run(options: Options, workspace: ExperimentWorkspace) -> Report:
         metrics=metrics,
         text=_text(metrics, found, warning, empty=not carried.any()),
         files=(_write(path, options, values, vehicle, carried),),
-        hints=(
+        hints=()
+        if vehicle.has_conventional_wheels
+        else (
             f"use this file as --vehicle of nav2-polygons and check-vehicle, and with the law "
             f"allocation set brake_assist.nominal_mass to {mass[0]:.0f}",
         ),

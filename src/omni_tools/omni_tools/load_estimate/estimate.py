@@ -21,6 +21,8 @@ the cameras are known, the equations contain this effect.
 
 *Braking.* Wheels that turn under known brake torques have known forces (`braking`).
 
+Steered wheels are evaluated only while they roll in the direction of their heading.
+
 The estimates of both parts are combined by their covariances. These contain the scatter of the
 measurements, and the standard errors in `Uncertainty` of what is assumed.
 """
@@ -38,7 +40,7 @@ from omni_core.quantities import FloatArray
 from omni_core.sensors import Mount, sensor_matrix
 from omni_sim.vehicle.configuration import VehicleConfiguration
 from omni_tools.load_estimate import braking
-from omni_tools.load_estimate.data import DriveData, LoadDataError, free_blocks
+from omni_tools.load_estimate.data import DriveData, LoadDataError, free_blocks, unsteered
 
 BLOCK = 0.5
 """Duration of a time span whose mean is one measurement of the radii [s]. It is longer than the
@@ -129,6 +131,8 @@ def estimate_load(
         LoadDataError: the drive contains too little free rolling and braking.
         WorkError: the equations do not determine the center of gravity.
     """
+    drive = unsteered(drive, vehicle.wheels, BLOCK)
+    empty = unsteered(empty, vehicle.wheels, BLOCK) if empty else None
     here, there = _radii(drive, vehicle), _radii(empty, vehicle) if empty else None
     parts, unevenness, rolling = [], math.nan, 0.0
     if here is not None and (empty is None or there is not None):

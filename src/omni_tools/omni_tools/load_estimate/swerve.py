@@ -5,6 +5,7 @@ import math
 
 import numpy as np
 
+from omni_core.geometry import PlatformGeometry, turned
 from omni_core.quantities import CONTROL_PERIOD, FloatArray
 from omni_sim.masses import MassConfiguration
 from omni_sim.vehicle.configuration import VehicleConfiguration
@@ -12,6 +13,7 @@ from omni_sim.vehicle.vehicle import Vehicle
 
 _DIRECTIONS = 12
 _LONGEST = 60.0  # limit on the simulated duration of a stop [s]
+_SLIP = 1e-6  # limit on the sideslip of a wheel that rolls [1]
 _REST = 0.05  # speed of a vehicle at rest [m/s]
 
 
@@ -30,6 +32,8 @@ def with_load(vehicle: VehicleConfiguration, load: FloatArray) -> VehicleConfigu
 
 def largest_rotation(vehicle: VehicleConfiguration, speed: float) -> tuple[float, float]:
     """Return the largest rotation in a simulated stop with all brakes fully on [deg].
+
+    Directions in which conventional wheels cannot roll are left out.
 
     Args:
         vehicle: vehicle with its load, on dry ground.
@@ -57,8 +61,13 @@ def highest_speed(vehicle: VehicleConfiguration, rotation: float, speed: float) 
 
 
 def _rotation(vehicle: VehicleConfiguration, speed: float, direction: float) -> float:
+    """Return the rotation in a stop [deg]; 0 if the wheels cannot roll in this direction [rad]."""
     twist = np.array([speed * math.cos(direction), speed * math.sin(direction), 0.0])
     simulated = Vehicle(vehicle, twist=twist)
+    geometry = PlatformGeometry.from_wheels(vehicle.wheels)
+    axis = turned(geometry.axis, simulated.steering[0])[geometry.conventional]
+    if np.max(np.abs(axis @ twist[:2]), initial=0.0) > _SLIP * speed:
+        return 0.0
     steps = round(CONTROL_PERIOD / simulated.physics_step)
     on = np.ones(len(vehicle.wheels))
     for _ in range(round(_LONGEST / CONTROL_PERIOD)):

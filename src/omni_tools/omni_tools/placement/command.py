@@ -47,7 +47,8 @@ def run(options: Options, workspace: ExperimentWorkspace) -> Report:
     compared = [*task.given, "tangential", "radial", "condition"][:3]
     drawn = [result.best, *map(result.placement, compared)]
     figure = placement_figure(drawn, result.criterion, task.area, title)
-    singular = [name for name in task.given if result.placement(name).singular]
+    singular = any(result.placement(name).singular for name in task.given)
+    singular |= any(placement.singular for placement in result.steered.values())
     return Report(
         metrics=entries(task, result, driven),
         text=_text(task, result, driven, conditions),

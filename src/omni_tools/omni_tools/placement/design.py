@@ -26,6 +26,7 @@ from omni_tools.line_trials import rig
 from omni_tools.line_trials.rig import BATCH_TIME, PERIOD, Rig, View, batch_lines
 from omni_tools.placement import error as criteria
 from omni_tools.placement import mounting_area
+from omni_tools.placement.carriers import SteeredCameras, steered_cameras
 from omni_tools.placement.mounting_area import common_placements, named
 from omni_tools.placement.options import PlacementOptions
 from omni_tools.placement.search import FoundPlacement, NoRoomError, search
@@ -93,6 +94,8 @@ def drive_mix(
         report: function that is called with the completed share (0 to 1).
     """
     generator = np.random.default_rng(seed)
+    # Cameras on carriers are simulated at steering angles of 0.
+    sensors = {name: dataclasses.replace(one, carrier="") for name, one in sensors.items()}
     odometry = LineScanOdometry(OdometryConfiguration(sensors=sensors))
     rig = Rig(sensors, texture, noise, seed)
     lines = {name: np.arange(batch_lines(s.line_rate) + 1) for name, s in sensors.items()}
@@ -129,7 +132,10 @@ class DesignTask:
         mix: mix of motions over which the mean error is computed.
         speed: speed of the center of the chassis in all motions of the mix [m/s].
         redundant: whether to minimize the error after the failure of the most important camera.
-        given: further placements to evaluate, keyed by name.
+        given: further placements to evaluate, keyed by name; cameras on carriers are at steering
+            angles of 0.
+        steered: cameras of these placements in motions that turn their carriers, keyed by placement
+            and motion.
         seed: seed of the search and the trials.
         batches: number of line batches for each combination of orientation and motion.
         center: center of the chassis in the body frame [m].
@@ -144,6 +150,7 @@ class DesignTask:
     redundant: bool
     given: Mapping[str, Mapping[str, LineSensor]]
     seed: int
+    steered: Mapping[tuple[str, str], SteeredCameras] = dataclasses.field(default_factory=dict)
     batches: int = 4
     center: tuple[float, float] = (0.0, 0.0)
 
@@ -164,12 +171,14 @@ class Design(NamedTuple):
         found: result of the search.
         placements: the best placement, the given placements, the placement with the smallest
             condition number, and common placements.
+        steered: placements of `DesignTask.steered`, each in its motion, with the same keys.
     """
 
     trial: SensorTrial
     criterion: criteria.MeanError
     found: FoundPlacement
     placements: tuple[criteria.EvaluatedPlacement, ...]
+    steered: Mapping[tuple[str, str], criteria.EvaluatedPlacement]
 
     @property
     def best(self) -> criteria.EvaluatedPlacement:
@@ -220,7 +229,11 @@ def design(task: DesignTask, report: Report) -> Design:
     placements = tuple(
         criteria.evaluate(name, own, criterion, area) for name, own in sensors.items()
     )
-    return Design(trial, criterion, found, placements)
+    steered = {
+        key: criteria.evaluate("_".join(key), one.sensors, criterion._replace(mix=one.mix), area)
+        for key, one in task.steered.items()
+    }
+    return Design(trial, criterion, found, placements, steered)
 
 
 def confirm(task: DesignTask, result: Design, report: Report) -> dict[str, PlacementTrial]:
@@ -308,25 +321,31 @@ def design_task(options: PlacementOptions, library: ExperimentLibrary) -> Design
         count = min(max(checked, FEWEST_SENSORS), MOST_SENSORS)
     if options.redundant and count == FEWEST_SENSORS:
         raise ConfigurationError("--redundant", "requires at least four sensors: --sensors 4")
-    wheels = _moved(vehicle.wheels, -np.array(vehicle.chassis_center))
+    to_center = -np.array(vehicle.chassis_center)
+    wheels = _moved(vehicle.wheels, to_center)
     scene = Scene(vehicle.chassis_length, vehicle.chassis_width, wheels)
     area = mounting_area.MountingArea(scene, view, options.housing, options.clearance)
     speed = design_speed(options.speed, options.yaw_rate, area)
-    compared = {
-        name: _moved(own, -np.array(vehicle.chassis_center))
-        for name, own in given.items()
-        if options.check or len(own) == count
+    compared = _cases(
+        {name: own for name, own in given.items() if options.check or len(own) == count}
+    )
+    mix = criteria.MotionMix.of(speed, options.yaw_rate, _weights(options.mix))
+    steered = {
+        (case, motion): one._replace(sensors=_moved(one.sensors, to_center))
+        for case, own in compared.items()
+        for motion, one in steered_cameras(own, vehicle, mix).items()
     }
     return DesignTask(
         area=area,
         texture=rig.ground(options.ground),
         noise=options.noise,
         count=count,
-        mix=criteria.MotionMix.of(speed, options.yaw_rate, _weights(options.mix)),
+        mix=mix,
         speed=speed,
         redundant=options.redundant,
-        given=_cases(compared),
+        given={case: _moved(own, to_center) for case, own in compared.items()},
         seed=options.seed,
+        steered=steered,
         center=vehicle.chassis_center,
     )
 

@@ -326,7 +326,8 @@ def evaluate(
             without[index] = math.inf
     errors = criterion.mean_error(poses), np.sqrt(mix.share @ variance), by_motion, without
     number = float(condition.value(condition.information(poses).sum(axis=0)))
-    problems = singularity(sensors), area.problem(tuple(sensors), poses)
+    carriers = {camera: one.carrier for camera, one in sensors.items()}
+    problems = singularity(sensors), area.problem(tuple(sensors), poses, carriers)
     return EvaluatedPlacement(name, sensors, *errors, number, spread, lever, *problems)
 
 

@@ -10,6 +10,7 @@ import dataclasses
 import functools
 import itertools
 import math
+from collections.abc import Mapping
 
 import numpy as np
 
@@ -94,15 +95,26 @@ class MountingArea:
         """
         return ~_overlap(poses, self._grown(), other, self.half)
 
-    def problem(self, names: tuple[str, ...], poses: FloatArray) -> str:
-        """Return the reason why cameras cannot be mounted at the given poses; empty if they can."""
-        wheels = tuple(self.scene.wheels)
+    def problem(
+        self, names: tuple[str, ...], poses: FloatArray, carriers: Mapping[str, str] | None = None
+    ) -> str:
+        """Return the reason why cameras cannot be mounted at the given poses; empty if they can.
+
+        Args:
+            names: names of the cameras.
+            poses: x, y [m] and heading [rad], shape (N, 3).
+            carriers: steered wheels with which cameras turn, keyed by camera; a camera may be next
+                to its own wheel.
+        """
         for name, pose in zip(names, poses, strict=True):
             if not bool(self.on_chassis(pose)):
                 return f"{name} extends beyond the edge"
-            wheel = int(self.wheel_in_the_way(pose))
+            own = (carriers or {}).get(name)
+            wheels = {key: mount for key, mount in self.scene.wheels.items() if key != own}
+            others = dataclasses.replace(self, scene=dataclasses.replace(self.scene, wheels=wheels))
+            wheel = int(others.wheel_in_the_way(pose))
             if wheel >= 0:
-                return f"{name} is too close to wheel {wheels[wheel]}"
+                return f"{name} is too close to wheel {tuple(wheels)[wheel]}"
         for i, name in enumerate(names):
             for j in range(i):
                 if not bool(self.apart(poses[i], poses[j])):

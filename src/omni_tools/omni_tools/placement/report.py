@@ -36,6 +36,8 @@ def entries(
     for placement in result.placements:
         own = _metrics(placement, driven.get(placement.name), result.criterion.gyration)
         found |= {f"{quantity}.{placement.name}": metric for quantity, metric in own.items()}
+    for steered in result.steered.values():
+        found |= {f"{key}.{steered.name}": one for key, one in _metrics(steered, None, 1.0).items()}
     camera = result.trial
     found |= {
         "rounding_loss.best": Metric(result.found.rounding, "1"),
@@ -113,22 +115,40 @@ def findings(task: design.DesignTask, result: design.Design, conditions: str) ->
         if placement.singular and placement.name not in task.given:
             sentences.append(f"{placement.name} is singular: {placement.singular}.")
         elif placement.name in task.given and not placement.singular:
+            carried = any(sensor.carrier for sensor in placement.sensors.values())
+            angles = " at steering angles of 0" if carried else ""
             sentences.append(
-                f"{placement.name} is not singular: its axes spread by {placement.spread_deg:.0f} "
-                f"deg (5 deg count as parallel, 45 deg is best), its effective lever is "
-                f"{placement.lever:.2f} m (0 where all axes pass through one point); its mean "
-                f"error is {_compared(placement, best)} that of the best."
+                f"{placement.name} is not singular{angles}: its axes spread by "
+                f"{placement.spread_deg:.0f} deg (5 deg count as parallel, 45 deg is best), its "
+                f"effective lever is {placement.lever:.2f} m (0 where all axes pass through one "
+                f"point); its mean error is {_compared(placement, best)} that of the best."
             )
         if placement.mounting and placement.name in task.given:
             sentences.append(
                 f"{placement.name} does not fit under this chassis: {placement.mounting}."
             )
+    sentences += [
+        _steered_sentence(*key, task.steered[key].angle_deg, one)
+        for key, one in result.steered.items()
+    ]
     other = result.placement("condition")
     sentences.append(
         f"The placement with the smallest condition number ({other.condition:.2f}; best placement: "
         f"{best.condition:.2f}) has a mean error {_compared(other, best)} that of the best."
     )
     return sentences
+
+
+def _steered_sentence(
+    name: str, motion: str, angles: Mapping[str, float], placement: EvaluatedPlacement
+) -> str:
+    turned = ", ".join(f"{wheel} at {angle:.0f} deg" for wheel, angle in angles.items())
+    result = f"its mean error is {1e3 * placement.mean_error:.2f} mm/s"
+    if placement.singular:
+        result = f"it is singular: {placement.singular}"
+    elif placement.mounting:
+        result += f", but {placement.mounting}"
+    return f"{name} in {motion.removesuffix('_2')} motion ({turned}): {result}."
 
 
 def _compared(placement: EvaluatedPlacement, best: EvaluatedPlacement) -> str:

@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Sequence
 
 import numpy as np
 
-from omni_core.quantities import FloatArray, plain
+from omni_core.quantities import plain
 from omni_tools.robot_files.controllers import DIFFERENT, wrapped
-from omni_tools.robot_files.described import INVALID, Described, mean_radius, rounded, some
+from omni_tools.robot_files.described import INVALID, Described, rounded, some
 from omni_tools.robot_files.links import Robot
-from omni_tools.robot_files.wheels import DescribedWheel
+from omni_tools.robot_files.wheels import Wheels
 
 _IMU = re.compile(r"(^|[/_])imu\d*($|[/_])", re.IGNORECASE)
 _CAMERA = re.compile(r"cam(era)?\d*($|[/_])|line_?scan|flow|otos|pmw3901|paa5100", re.IGNORECASE)
@@ -21,17 +20,15 @@ _DOWN = -0.7  # limit on the vertical part of the direction of view of a camera 
 _SPAN = 0.5  # smallest plausible ratio of the chassis to the wheelbase, or to the track [1]
 
 
-def ground_height(
-    found: Described, robot: Robot, wheels: Sequence[DescribedWheel], base: str
-) -> float | None:
+def ground_height(found: Described, robot: Robot, wheels: Wheels) -> float | None:
     """Return the height of the ground in base_link [m]; None if no radius is known."""
-    radius = mean_radius(found)
-    if not radius:
+    if not found.radii:
         return None
+    radius = float(np.mean(found.radii))
     axle = float(np.mean([wheel.place[2] for wheel in wheels]))
     footprint = next((name for name in robot.links if name.endswith("footprint")), None)
     if footprint is not None:
-        height = axle - float(robot.pose(footprint, base)[2, 3])
+        height = axle - float(robot.pose(footprint)[2, 3])
         if abs(height - radius) > DIFFERENT * radius + 1e-3:
             found.contradictions.append(
                 f"height of the axles: {plain(height, 4)} m above {footprint} in {robot.file}, but "
@@ -41,15 +38,9 @@ def ground_height(
     return axle - radius
 
 
-def weigh(
-    found: Described,
-    robot: Robot,
-    wheels: Sequence[DescribedWheel],
-    base: str,
-    ground: float | None,
-) -> None:
+def weigh(found: Described, robot: Robot, wheels: Wheels, ground: float | None) -> None:
     """Enter mass, center of gravity and moments of inertia, summed over all links."""
-    mass = sum(link.mass for link in robot.links.values())
+    mass, center, inertia = robot.body(list(robot.links))
     lacking = [n for n, one in robot.links.items() if not one.mass and (one.shapes or one.meshes)]
     if mass < _LIGHTEST:
         problem = f"{robot.file} contains no plausible mass ({plain(mass)} kg)"
@@ -60,34 +51,17 @@ def weigh(
             f"shapes without a mass: {some(lacking)}; "
             f"does the robot weigh {plain(mass, 4)} kg? (--mass)"
         )
-    center, inertia = _mass_center(robot, base, mass)
     found.mass = rounded(mass)
     found.center = None if ground is None else center - np.array((0.0, 0.0, ground))
     source = f"sum over the links of {robot.file}"
-    found.sources |= dict.fromkeys(("body.mass", "body.x"), source)
+    of_center = () if ground is None else ("body.x", "body.height")
+    found.sources |= dict.fromkeys(("body.mass", *of_center), source)
     reach = 0.5 * math.hypot(found.measured["length"], found.measured["width"])
-    found.yaw_inertia = _possible(found, "body.yaw_inertia", inertia, mass * reach**2, source)
-    ring = float(np.mean([_wheel_mass(robot, one) for one in wheels])) * mean_radius(found) ** 2
-    own = float(np.mean([wheel.inertia for wheel in wheels]))
-    found.wheel_inertia = _possible(found, "wheel_inertia", own, ring, f"links of {robot.file}")
-
-
-def _mass_center(robot: Robot, base: str, mass: float) -> tuple[FloatArray, float]:
-    """Return the center of gravity in the link `base` [m], and the yaw inertia [kg m^2]."""
-    links = list(robot.links.values())
-    poses = np.array([robot.pose(link.name, base) for link in links])
-    weights = np.array([link.mass for link in links])
-    places = np.array([link.center for link in links])
-    points = np.einsum("lij,lj->li", poses[:, :3, :3], places) + poses[:, :3, 3]
-    center = weights @ points / mass
-    up = poses[:, 2, :3]  # the vertical of the base in the frame of each link
-    own = np.einsum("li,lij,lj->", up, np.array([link.inertia for link in links]), up)
-    return center, float(own + weights @ np.sum((points - center)[:, :2] ** 2, axis=1))
-
-
-def _wheel_mass(robot: Robot, wheel: DescribedWheel) -> float:
-    child = robot.joints[wheel.joint].child
-    return sum(robot.links[name].mass for name in robot.below(child))
+    yaw = float(inertia[2, 2])
+    found.yaw_inertia = _possible(found, "body.yaw_inertia", yaw, mass * reach**2, source)
+    own, of_wheel = np.mean([(wheel.inertia, wheel.mass) for wheel in wheels], axis=0).tolist()
+    ring, source = of_wheel * max(found.radii, default=0.0) ** 2, f"links of {robot.file}"
+    found.wheel_inertia = _possible(found, "wheel_inertia", own, ring, source)
 
 
 def _possible(found: Described, key: str, inertia: float, most: float, source: str) -> float | None:
@@ -112,32 +86,22 @@ def _possible(found: Described, key: str, inertia: float, most: float, source: s
     return inertia
 
 
-def measure_chassis(
-    found: Described, robot: Robot, wheels: Sequence[DescribedWheel], base: str
-) -> None:
+def measure_chassis(found: Described, robot: Robot, wheels: Wheels) -> None:
     """Enter the extent of the shapes that are fixed to base_link, without the wheels."""
     of_wheels = {n for w in wheels for n in robot.below(robot.joints[w.joint].child)}
-    links = [robot.links[name] for name in robot.rigid(base) if name not in of_wheels]
-    places = np.array([wheel.place[:2] for wheel in wheels])
-    meshes = [link.name for link in links if link.meshes]
+    links = [name for name in robot.rigid(robot.base) if name not in of_wheels]
+    span = np.ptp([wheel.place[:2] for wheel in wheels], axis=0)
+    meshes = [name for name in links if robot.links[name].meshes]
     for of in ("collision", "visual"):
-        corners = [
-            shape.corners @ pose[:3, :3].T + pose[:3, 3]
-            for link in links
-            for pose in [robot.pose(link.name, base)]
-            for shape in link.shapes
-            if shape.of == of
-        ]
-        if corners:
-            both = np.concatenate(corners)[:, :2]
-            if np.all(np.ptp(both, axis=0) > _SPAN * np.ptp(places, axis=0)):
-                found.chassis = np.array([both.min(axis=0), both.max(axis=0)])
-                source = f"{of} shapes of {robot.file}"
-                found.sources |= {"chassis_length": source, "chassis_width": source}
-                break
-    if found.chassis is None:
+        shapes = [shape.corners[:, :2] for shape in robot.shapes(links) if shape.of == of]
+        corners = np.reshape(shapes, (-1, 2))
+        if shapes and np.all(np.ptp(corners, axis=0) > _SPAN * span):
+            found.chassis = np.array([corners.min(axis=0), corners.max(axis=0)])
+            source = f"{of} shapes of {robot.file}"
+            break
+    else:
         source = "estimate: around the wheels"
-        found.sources |= {"chassis_length": source, "chassis_width": source}
+    found.sources |= dict.fromkeys(("chassis_length", "chassis_width"), source)
     if found.chassis is None or meshes:
         what = f"the meshes of {some(meshes)}" if meshes else "the chassis"
         found.questions.append(
@@ -145,11 +109,11 @@ def measure_chassis(
         )
 
 
-def find_sensors(found: Described, robot: Robot, base: str) -> None:
+def find_sensors(found: Described, robot: Robot) -> None:
     """Enter the IMU, and the cameras that look at the ground."""
     imus = [name for name in robot.links if _IMU.search(name)]
     if imus:
-        poses = [robot.pose(name, base) for name in imus]
+        poses = [robot.pose(name) for name in imus]
         found.imu = poses[0]
         if max(math.dist(pose[:2, 3], poses[0][:2, 3]) for pose in poses) > 1e-3:
             found.contradictions.append(f"IMU: {', '.join(imus)}; used: {imus[0]}")
@@ -159,7 +123,7 @@ def find_sensors(found: Described, robot: Robot, base: str) -> None:
     for name in (name for name in robot.links if _CAMERA.search(name)):
         if name in robot.parents and _CAMERA.search(robot.parents[name].parent):
             continue  # a further frame of the same camera
-        pose = robot.pose(name, base)
+        pose = robot.pose(name)
         if pose[2, 2 if "optical" in name else 0] < _DOWN:
             heading = wrapped(math.degrees(math.atan2(pose[1, 1], pose[0, 1])))
             x, y = (round(float(value), 6) + 0.0 for value in pose[:2, 3])

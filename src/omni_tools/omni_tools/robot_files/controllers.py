@@ -33,7 +33,7 @@ CORNERS = {
     "rear_right": (-1.0, -1.0),
     "rear_left": (-1.0, 1.0),
 }
-_JOINT = re.compile(r"(front|rear|back)_(left|right)_(?!.*state)(?!.*multiplier).*name")
+_JOINT = re.compile(r"(front|rear)_(left|right)_(?!.*state)(?!.*multiplier).*name")
 # Names of a quantity without the prefix `kinematics.`; those of the published controllers first.
 _NAMES = {
     "radius": ("wheels_radius", "wheel_radius"),
@@ -43,7 +43,6 @@ _NAMES = {
     "robot_radius": ("robot_radius",),
     "wheel_offset": ("wheel_offset",),
 }
-_FACTOR = "_wheel_radius_multiplier"
 # Difference of two values of the same length that is more than a rounding to three digits [1].
 DIFFERENT = 0.01
 FARTHEST = 10.0  # distance of a wheel from the center of all wheels [m]
@@ -73,13 +72,12 @@ class Controller(NamedTuple):
         wheel_offset: direction of the first omni-wheel from the center [rad]; None if the
             controller is not the published one, whose wheels follow counter-clockwise.
         base: frame of the twist; empty if none is given.
-        keys: names of the parameters in the file, keyed by attribute.
     """
 
     name: str
     kind: str
     joints: Mapping[str, str]
-    radius: float | None
+    radius: float | None = None
     factors: Mapping[str, float] = {}
     sum: float | None = None
     wheelbase: float | None = None
@@ -88,7 +86,6 @@ class Controller(NamedTuple):
     robot_radius: float | None = None
     wheel_offset: float | None = None
     base: str = ""
-    keys: Mapping[str, str] = {}
 
     @property
     def lever(self) -> float | None:
@@ -97,40 +94,51 @@ class Controller(NamedTuple):
             return self.sum
         return 0.5 * (self.wheelbase + self.track)
 
+    @property
+    def assumed(self) -> dict[str, tuple[float, float]]:
+        """Heading [deg] and factor of the radius of each wheel, keyed by joint; empty if unknown.
+
+        Omni-wheels follow each other counter-clockwise, with radial axles.
+        """
+        if self.kind == OMNI and self.wheel_offset is None:
+            return {}
+        first, step = 0.0, 0.0
+        if self.wheel_offset is not None:
+            first, step = math.degrees(self.wheel_offset) - 90.0, 360.0 / len(self.joints)
+        first -= math.degrees(self.offset[2])
+        return {
+            joint: (wrapped(first + row * step), self.factors.get(key, 1.0))
+            for row, (key, joint) in enumerate(self.joints.items())
+        }
+
     def wheels(self) -> dict[str, WheelMount] | None:
         """Return the wheels in the base frame, keyed by joint; None if a length is unknown.
 
         The rollers form an X seen from above, which is the convention of the published controller.
         """
-        if self.radius is None:
-            return None
-        if self.kind == OMNI:
-            if self.robot_radius is None or self.wheel_offset is None:
-                return None
-            count, first = len(self.joints), self.wheel_offset
-            angles = [first + 2.0 * math.pi * row / count for row in range(count)]
-            places = [self.robot_radius * np.array((math.cos(a), math.sin(a))) for a in angles]
-            headings = [angle - 0.5 * math.pi for angle in angles]
-            rollers = [0.0] * count
-        else:
-            if self.wheelbase is None or self.track is None:
-                return None
-            half = 0.5 * np.array((self.wheelbase, self.track))
-            places = [half * CORNERS[corner] for corner in self.joints]
-            headings = [0.0] * len(places)
-            rollers = [-45.0 * math.prod(CORNERS[corner]) for corner in self.joints]
         x, y, theta = self.offset
-        inside = turned(np.array(places) - (x, y), -theta)
+        if self.kind == OMNI:
+            angles = [math.radians(heading + 90.0) + theta for heading, _ in self.assumed.values()]
+            places = [(math.cos(angle), math.sin(angle)) for angle in angles]
+            rollers, known = [0.0] * len(places), (self.robot_radius, self.robot_radius)
+        else:
+            signs = [CORNERS[corner] for corner in self.joints]
+            places = [(0.5 * ahead, 0.5 * left) for ahead, left in signs]
+            rollers, known = [-45.0 * math.prod(one) for one in signs], (self.wheelbase, self.track)
+        scale = [length for length in known if length is not None]
+        if self.radius is None or len(scale) < len(known) or not places:
+            return None
+        inside = turned(np.multiply(places, scale) - (x, y), -theta).tolist()
         return {
             name: WheelMount(
-                x=float(place[0]),
-                y=float(place[1]),
-                heading_deg=wrapped(math.degrees(heading - theta)),
+                x=place[0],
+                y=place[1],
+                heading_deg=heading,
                 roller_angle_deg=roller,
-                radius=self.radius * self.factors.get(key, 1.0),
+                radius=self.radius * factor,
             )
-            for (key, name), place, heading, roller in zip(
-                self.joints.items(), inside, headings, rollers, strict=True
+            for (name, (heading, factor)), place, roller in zip(
+                self.assumed.items(), inside, rollers, strict=True
             )
         }
 
@@ -146,13 +154,17 @@ def read_controllers(path: Path) -> list[Controller]:
     Raises:
         ConfigurationError: the file is not YAML, or a parameter of such a controller is invalid.
     """
+    sections: dict[str, dict[str, Any]] = {}
+    for key, value in _flat(read_mapping(path, "--from")):
+        section, is_parameter, parameter = key.partition("/ros__parameters/")
+        if is_parameter:
+            sections.setdefault(section, {})[parameter.replace("/", ".")] = value
     nodes: dict[str, dict[str, Any]] = {}
-    for path_of_node, values in _nodes(read_mapping(path, "--from"), ""):
-        name = path_of_node.rpartition("/")[2]
+    for section, values in sections.items():
         # Sections such as /**/drive and /drive may give parts of the same node.
-        known = nodes.setdefault(name, {})
+        known = nodes.setdefault(section.rpartition("/")[2], {})
         if any(known.get(key, value) != value for key, value in values.items()):
-            known = nodes.setdefault(path_of_node, {})
+            known = nodes.setdefault(section, {})
         known |= values
     types = {
         key.removesuffix(".type"): str(value)
@@ -161,8 +173,12 @@ def read_controllers(path: Path) -> list[Controller]:
         if key.endswith(".type")
     }
     found = []
-    for node, values in nodes.items():
+    for node, named in nodes.items():
         name = node.rpartition("/")[2]
+        values = {
+            re.sub("^back_", "rear_", key.removeprefix("kinematics.")): value
+            for key, value in named.items()
+        }
         kind = _kind(types.get(name, ""), values)
         if kind == OMNI and types.get(name, CLASSES[OMNI]) == CLASSES[OMNI]:
             values.setdefault("wheel_offset", 0.0)
@@ -171,26 +187,17 @@ def read_controllers(path: Path) -> list[Controller]:
     return found
 
 
-def _nodes(tree: Mapping[str, Any], above: str) -> Iterator[tuple[str, dict[str, Any]]]:
-    """Yield the path and the parameters, keyed by dotted name, of each node of a parameter file."""
+def _flat(tree: Mapping[str, Any], above: str = "") -> Iterator[tuple[str, Any]]:
+    """Yield the path and the value of each parameter of a file."""
     for name, value in tree.items():
-        if name == "ros__parameters" and isinstance(value, Mapping):
-            yield above, dict(_flat(value, ""))
-        elif isinstance(value, Mapping):
-            yield from _nodes(value, f"{above}/{name}".replace("//", "/"))
-
-
-def _flat(tree: Mapping[str, Any], above: str) -> Iterator[tuple[str, Any]]:
-    for name, value in tree.items():
-        key = f"{above}{name}"
-        yield from _flat(value, f"{key}.") if isinstance(value, Mapping) else ((key, value),)
+        key = f"{above}/{name}"
+        yield from _flat(value, key) if isinstance(value, Mapping) else ((key, value),)
 
 
 def _kind(declared: str, values: Mapping[str, Any]) -> str:
     """Return the kind of a drive controller; empty for any other node."""
-    names = [name for key, name in CLASSES.items()]
-    corners = sum(1 for key in values if _JOINT.fullmatch(key))
-    if declared == names[1] or {"wheel_names", "robot_radius"} <= values.keys():
+    corners = len(list(filter(_JOINT.fullmatch, values)))
+    if declared == CLASSES[OMNI] or {"wheel_names", "robot_radius"} <= values.keys():
         return OMNI
     if corners == len(CORNERS) or "mecanum" in declared.lower():
         return MECANUM
@@ -198,37 +205,25 @@ def _kind(declared: str, values: Mapping[str, Any]) -> str:
 
 
 def _controller(name: str, kind: str, values: Mapping[str, Any]) -> Controller:
-    values = {key.removeprefix("kinematics."): value for key, value in values.items()}
-    keys = {
-        quantity: next((one for one in names if one in values), "")
-        for quantity, names in _NAMES.items()
-    }
+    def number(key: str, usual: float | None = None) -> float:
+        return _number(values, key, name, usual)
+
     lengths = {
-        quantity: _number(values, key, name) * _number(values, f"{key}_multiplier", name, 1.0)
-        if key
-        else None
-        for quantity, key in keys.items()
+        quantity: number(key) * number(f"{key}_multiplier", 1.0)
+        for quantity, names in _NAMES.items()
+        for key in [one for one in names if one in values][:1]
     }
-    offset = {
-        key: _number(values, key, name, 0.0)
-        for key in (f"base_frame_offset.{axis}" for axis in ("x", "y", "theta"))
-    }
-    x, y, theta = offset.values()
+    x, y, theta = (number(f"base_frame_offset.{axis}", 0.0) for axis in ("x", "y", "theta"))
     joints = _joints(kind, values, name)
     listed = list(joints.values())
     if twice := next((joint for joint in listed if listed.count(joint) > 1), None):
         problem = f"{name} names the joint {twice!r} for several wheels; correct one of them"
         raise ConfigurationError("--from", problem)
     factors = {
-        corner: _number(values, key, name)
+        corner: number(key)
         for corner in joints
-        for key in (f"{corner}{_FACTOR}", f"{corner.replace('rear', 'back')}{_FACTOR}")
-        if key in values
+        if (key := f"{corner}_wheel_radius_multiplier") in values
     }
-    sizes = {keys[quantity]: size for quantity, size in lengths.items() if size is not None}
-    _check_sizes(
-        name, {**sizes, **{f"{key}{_FACTOR}": one for key, one in factors.items()}}, offset
-    )
     return Controller(
         name=name,
         kind=kind,
@@ -236,29 +231,8 @@ def _controller(name: str, kind: str, values: Mapping[str, Any]) -> Controller:
         factors=factors,
         offset=(x, y, theta),
         base=str(values.get("base_frame_id") or ""),
-        keys=keys,
         **lengths,
     )
-
-
-def _check_sizes(name: str, sizes: Mapping[str, float], offset: Mapping[str, float]) -> None:
-    """Raise `ConfigurationError` for a size that is not above 0, or in another unit.
-
-    Args:
-        name: name of the controller.
-        sizes: lengths [m], factors [1] and the angle of the first omni-wheel [rad], keyed by
-            parameter.
-        offset: position [m] and heading [rad] of the base frame, keyed by parameter.
-    """
-    for key, size in {**sizes, **offset}.items():
-        limit, unit, words = _LIMITS.get(re.split("[_.]", key)[-1], _LENGTH)
-        problem = ""
-        if key in sizes and unit != " rad" and size <= 0.0:
-            problem = "not above 0"
-        elif abs(size) > limit:
-            problem = f"more than {limit:.3g}{unit}; give {words}"
-        if problem:
-            raise ConfigurationError("--from", f"{name}: {key} is {size:g}{unit}, {problem}")
 
 
 def _joints(kind: str, values: Mapping[str, Any], name: str) -> dict[str, str]:
@@ -269,10 +243,11 @@ def _joints(kind: str, values: Mapping[str, Any], name: str) -> dict[str, str]:
                 "--from", f"{name}: wheel_names must list three or more joints"
             )
         return {str(row): str(joint) for row, joint in enumerate(names)}
-    found = {}
-    for key, joint in values.items():
-        if (corner := _JOINT.fullmatch(key)) and joint:
-            found[f"{corner[1].replace('back', 'rear')}_{corner[2]}"] = str(joint)
+    found = {
+        f"{corner[1]}_{corner[2]}": str(joint)
+        for key, joint in values.items()
+        if joint and (corner := _JOINT.fullmatch(key))
+    }
     if lacking := [corner for corner in CORNERS if found and corner not in found]:
         problem = f"{name} names no joint of the wheel {', '.join(lacking)}; add its parameter"
         raise ConfigurationError("--from", problem)
@@ -280,29 +255,47 @@ def _joints(kind: str, values: Mapping[str, Any], name: str) -> dict[str, str]:
 
 
 def _number(values: Mapping[str, Any], key: str, name: str, usual: float | None = None) -> float:
-    """Return a parameter as a number, also if it is a text such as "0.05"."""
+    """Return a parameter as a number, also if it is a text such as "0.05".
+
+    Args:
+        values: parameters of the controller, keyed by name.
+        key: name of the parameter, which gives its unit and limits.
+        name: name of the controller, for messages.
+        usual: value of a missing parameter.
+
+    Raises:
+        ConfigurationError: the value is no number, or too large for its unit; or it is a length or
+            a factor that is not above 0.
+    """
     value = values.get(key, usual)
     try:
         number = math.nan if isinstance(value, bool) else float(value)
     except (TypeError, ValueError):
         number = math.nan
+    limit, unit, words = _LIMITS.get(re.split("[_.]", key)[-1], _LENGTH)
+    problem = ""
     if not math.isfinite(number):
-        raise ConfigurationError("--from", f"{name}: {key} is {value!r}, must be a number")
+        problem = f"{value!r}, must be a number"
+    elif number <= 0.0 and "offset" not in key:
+        problem = f"{number:g}{unit}, not above 0"
+    elif abs(number) > limit:
+        problem = f"{number:g}{unit}, more than {limit:.3g}{unit}; give {words}"
+    if problem:
+        raise ConfigurationError("--from", f"{name}: {key} is {problem}")
     return number
 
 
-def controller_of(wheels: Mapping[str, WheelMount], name: str = "") -> Controller | None:
+def controller_of(wheels: Mapping[str, WheelMount]) -> Controller | None:
     """Return the published controller with the kinematics of a vehicle; None if neither has it.
 
     Args:
         wheels: wheels in the base frame, keyed by joint.
-        name: name of the controller.
     """
     geometry = PlatformGeometry.from_wheels(wheels)
     if np.ptp(geometry.radius) > 0.0 or len(wheels) < 3:
         return None
     speeds = PlatformKinematics(wheels).wheel_speeds(np.eye(3))
-    for found in (_mecanum(geometry, name), _omni(geometry, name)):
+    for found in (_mecanum(geometry), _omni(geometry)):
         again = found and found.wheels()
         if again and set(again) == set(wheels):
             theirs = PlatformKinematics({name: again[name] for name in wheels})
@@ -311,7 +304,7 @@ def controller_of(wheels: Mapping[str, WheelMount], name: str = "") -> Controlle
     return None
 
 
-def _mecanum(geometry: PlatformGeometry, name: str) -> Controller | None:
+def _mecanum(geometry: PlatformGeometry) -> Controller | None:
     theta = -math.atan2(geometry.rolling[0, 1], geometry.rolling[0, 0])
     places = turned(geometry.position, theta)
     center = places.mean(axis=0)
@@ -325,21 +318,21 @@ def _mecanum(geometry: PlatformGeometry, name: str) -> Controller | None:
         return None
     span = np.ptp(places, axis=0)
     return Controller(
-        *(name, MECANUM, corners, float(geometry.radius[0])),
+        *("", MECANUM, corners, float(geometry.radius[0])),
         wheelbase=float(span[0]),
         track=float(span[1]),
         offset=(0.0 - float(center[0]), 0.0 - float(center[1]), theta + 0.0),
     )
 
 
-def _omni(geometry: PlatformGeometry, name: str) -> Controller:
+def _omni(geometry: PlatformGeometry) -> Controller:
     """Return the controller of omni-wheels around base_link; its first wheel is nearest to x."""
     angles = np.arctan2(geometry.position[:, 1], geometry.position[:, 0])
     order = np.argsort(np.where(angles < -1e-9, angles + 2.0 * math.pi, angles))
     joints = {str(row): geometry.names[wheel] for row, wheel in enumerate(order)}
     reach = float(np.linalg.norm(geometry.position, axis=1).mean())
     radius, first = float(geometry.radius[0]), float(angles[order[0]])
-    return Controller(name, OMNI, joints, radius, robot_radius=reach, wheel_offset=first)
+    return Controller("", OMNI, joints, radius, robot_radius=reach, wheel_offset=first)
 
 
 def controller_file(controller: Controller) -> str:

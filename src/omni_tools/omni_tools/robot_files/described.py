@@ -50,6 +50,11 @@ class Described:
     questions: list[str] = dataclasses.field(default_factory=list)
 
     @property
+    def radii(self) -> list[float]:
+        """Known radii of the wheels [m]."""
+        return [values["radius"] for values in self.wheels.values() if "radius" in values]
+
+    @property
     def lists(self) -> dict[str, list[str]]:
         """Sentences on contradictions and on missing values, for the JSON document."""
         return {"contradictions": self.contradictions, "missing": self.questions}
@@ -57,12 +62,22 @@ class Described:
     @property
     def measured(self) -> dict[str, Any]:
         """Values of `Measured` that the files contain, or that follow from the wheels."""
-        radii = [values["radius"] for values in self.wheels.values() if "radius" in values]
         values: dict[str, Any] = {"kind": self.kind, "wheels": len(self.wheels)}
         values |= {"mass": self.mass} if self.mass else {}
-        values |= {"wheel_radius": max(radii)} if radii else {}
+        values |= {"wheel_radius": max(self.radii)} if self.radii else {}
         length, width = np.ptp(self._extent, axis=0)
         return {**values, "length": rounded(length), "width": rounded(width)}
+
+    @property
+    def body(self) -> dict[str, float]:
+        """Values of the body in the vehicle's file, except its mass."""
+        values: dict[str, float] = {}
+        if self.center is not None:
+            x, y, height = map(rounded, self.center.tolist())
+            values = {"x": x, "y": y, "height": max(height, 0.0)}
+        if self.yaw_inertia is not None:
+            values["yaw_inertia"] = rounded(self.yaw_inertia)
+        return values
 
     @property
     def chassis_center(self) -> FloatArray:
@@ -74,7 +89,7 @@ class Described:
         """Extent of the chassis, or of the wheels if it is unknown [m], shape (2, 2)."""
         if self.chassis is not None:
             return self.chassis
-        around = max((wheel.get("radius", 0.0) for wheel in self.wheels.values()), default=0.0)
+        around = max(self.radii, default=0.0)
         places = np.array([(wheel["x"], wheel["y"]) for wheel in self.wheels.values()])
         return np.array([places.min(axis=0) - around, places.max(axis=0) + around])
 
@@ -84,12 +99,6 @@ class Described:
         if max(away) > DIFFERENT * abs(values[used]) + 1e-9:
             texts = [f"{plain(value, 4)} m in {source}" for source, value in values.items()]
             self.contradictions.append(f"{what}: {', '.join(texts)}; used: {used}; {remedy}")
-
-
-def mean_radius(found: Described) -> float:
-    """Return the mean radius of the wheels [m]; 0 if it is unknown."""
-    radii = [values["radius"] for values in found.wheels.values() if "radius" in values]
-    return float(np.mean(radii)) if radii else 0.0
 
 
 def some(names: Sequence[str]) -> str:

@@ -7,6 +7,7 @@ controller assumes, because its odometry is right or wrong on the robot.
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Mapping, Sequence
 
@@ -27,7 +28,13 @@ from omni_tools.robot_files.controllers import (
 )
 from omni_tools.robot_files.described import INVALID, PARALLEL, Described
 from omni_tools.robot_files.links import Robot
-from omni_tools.robot_files.wheels import DescribedWheel, base_link, described_wheels, matched
+from omni_tools.robot_files.wheels import (
+    Wheels,
+    base_link,
+    described_wheels,
+    matched,
+    possibly_steering,
+)
 
 _RADII = 1e-3, 1.0  # radii of omni-wheels in use [m]
 _UNITS = {"millimeters": 1000.0, "inches": 1.0 / 0.0254}  # lengths of a meter
@@ -55,32 +62,36 @@ def describe(
     Raises:
         ConfigurationError: the files describe no vehicle on omni-wheels.
     """
-    if len(controllers) > 1:
-        _check_one(controllers)
+    _check_one(controllers)
     controller = controllers[0] if controllers else None
-    if robot is not None and controller is not None:
-        controller = matched(robot, controller)
     if robot is None:
         return _of_controller(controller, radius)
-    base = base_link(robot, controller)
-    wheels = described_wheels(robot, controller, base)
+    if controller is not None:
+        controller = matched(robot, controller)
+    robot.base = base_link(robot, controller)
+    wheels = described_wheels(robot, controller, kind)
     found = Described()
     found.kind = _kind(found, wheels, controller, kind)
     _place_wheels(found, robot.file, wheels, controller, radius)
+    steering = possibly_steering(robot, wheels)
+    if steering and kind is None and _are_parallel(wheels):
+        found.questions.append(
+            f"the fixed joints {', '.join(steering)} have a vertical axis and hold a wheel each: "
+            "are the wheels steered? If not, give --kind mecanum"
+        )
     if controller is not None:
-        compare(found, robot, wheels, controller, base)
-    ground = ground_height(found, robot, wheels, base)
-    measure_chassis(found, robot, wheels, base)
-    weigh(found, robot, wheels, base, ground)
-    find_sensors(found, robot, base)
+        compare(found, robot, wheels, controller)
+    ground = ground_height(found, robot, wheels)
+    measure_chassis(found, robot, wheels)
+    weigh(found, robot, wheels, ground)
+    find_sensors(found, robot)
     return found
 
 
 def _check_one(controllers: Sequence[Controller]) -> None:
-    first, *others = controllers
-    for other in others:
-        # The frame of the twist and the names of parameters are no kinematics.
-        if other._replace(name=first.name, base=first.base, keys=first.keys) != first:
+    for first, other in itertools.pairwise(controllers):
+        # The frame of the twist is no kinematics.
+        if other._replace(name=first.name, base=first.base) != first:
             raise ConfigurationError(
                 "--from",
                 f"several controllers drive wheels in different ways: {first.name} and "
@@ -103,9 +114,8 @@ def _of_controller(controller: Controller | None, radius: float | None) -> Descr
         )
     found = Described(kind=controller.kind)
     for name, mount in mounts.items():
-        angles = {"heading_deg": mount.heading_deg, "roller_angle_deg": mount.roller_angle_deg}
-        values = {"x": mount.x, "y": mount.y, **angles, "radius": mount.radius}
-        found.wheels[name] = {key: round(value, 6) + 0.0 for key, value in values.items()}
+        keys = ("x", "y", "heading_deg", "roller_angle_deg", "radius")
+        found.wheels[name] = {key: round(getattr(mount, key), 6) + 0.0 for key in keys}
     found.sources["wheels"] = f"{controller.name}, which assumes the roller directions"
     found.questions += [_ROLLERS] * (found.kind == MECANUM)
     found.questions.append(
@@ -116,7 +126,7 @@ def _of_controller(controller: Controller | None, radius: float | None) -> Descr
 
 def _kind(
     found: Described,
-    wheels: Sequence[DescribedWheel],
+    wheels: Wheels,
     controller: Controller | None,
     given: str | None,
 ) -> str:
@@ -140,12 +150,12 @@ def _kind(
     return MECANUM if parallel else OMNI
 
 
-def _are_parallel(wheels: Sequence[DescribedWheel]) -> bool:
+def _are_parallel(wheels: Wheels) -> bool:
     away = [abs(wrapped(2.0 * (w.heading_deg - wheels[0].heading_deg))) / 2.0 for w in wheels]
     return max(away) < PARALLEL
 
 
-def _check_levers(found: Described, wheels: Sequence[DescribedWheel], center: FloatArray) -> None:
+def _check_levers(found: Described, wheels: Wheels, center: FloatArray) -> None:
     """List omni-wheels that roll toward their center, as if the axes were those of rollers."""
     arms = [turned(one.place[:2] - center, -math.radians(one.heading_deg)) for one in wheels]
     lever, distance = (
@@ -162,22 +172,19 @@ def _check_levers(found: Described, wheels: Sequence[DescribedWheel], center: Fl
 def _place_wheels(
     found: Described,
     file: str,
-    wheels: Sequence[DescribedWheel],
+    wheels: Wheels,
     controller: Controller | None,
     radius: float | None,
 ) -> None:
     """Enter position, direction, rollers, radius and width of each wheel."""
     center = np.mean([wheel.place[:2] for wheel in wheels], axis=0)
-    assumed = _assumed(controller)
+    assumed = {} if controller is None else controller.assumed
     if controller is None and found.kind == MECANUM and not _are_parallel(wheels):
         assumed = {wheel.joint: (0.0, 1.0) for wheel in wheels}
     _check_levers(found, wheels, center)
-    difference: dict[str, float] = {}  # between the axis and the direction of the controller [deg]
-    oblique: dict[str, float] = {}
     alike: dict[tuple[tuple[str, float], ...], list[str]] = {}  # joints with the same radii
     for wheel in wheels:
         heading, factor = assumed.get(wheel.joint, (wheel.heading_deg, 1.0))
-        difference[wheel.joint] = abs(wrapped(wheel.heading_deg - heading))
         heading = _rolling_direction(heading, wheel.heading_deg)
         values = {"x": round(float(wheel.place[0]), 6), "y": round(float(wheel.place[1]), 6)}
         if abs(heading) > 1e-3:
@@ -185,8 +192,6 @@ def _place_wheels(
         ahead, left = turned(wheel.place[:2] - center, -math.radians(heading))
         across = (ahead > 0.0) == (left > 0.0)  # front left and rear right
         values["roller_angle_deg"] = 0.0 if found.kind == OMNI else -45.0 if across else 45.0
-        if wheel.roller_deg is not None and _OBLIQUE < abs(wheel.roller_deg) < 90.0 - _OBLIQUE:
-            oblique[wheel.joint] = wheel.roller_deg
         radii = {"--wheel-radius": radius or 0.0}
         if controller is not None:
             radii[controller.name] = (controller.radius or 0.0) * factor
@@ -202,7 +207,7 @@ def _place_wheels(
     for pairs, names in alike.items():
         remedy = "measure the height of the axle of the loaded wheel"
         found.differ(f"radius of {', '.join(names)}", dict(pairs), pairs[0][0], remedy)
-    _ask_about_directions(found, file, difference, controller)
+    _ask_about_directions(found, file, wheels, controller)
     if not alike:
         found.questions.append(
             "the shapes of the wheels are meshes or have no size: which radius do they have "
@@ -210,7 +215,7 @@ def _place_wheels(
         )
     found.sources["wheels"] = f"joints of {file}"
     if found.kind == MECANUM:
-        _estimate_rollers(found, file, oblique, controller)
+        _estimate_rollers(found, file, wheels, controller)
     _ask_about_names(found, wheels)
 
 
@@ -230,16 +235,14 @@ def _rolling_direction(assumed: float, by_axis: float) -> float:
 
 
 def _estimate_rollers(
-    found: Described, file: str, oblique: Mapping[str, float], controller: Controller | None
+    found: Described, file: str, wheels: Wheels, controller: Controller | None
 ) -> None:
-    """Mark the roller directions as an estimate, or take those of Gazebo's friction.
-
-    Args:
-        found: vehicle whose rollers form an X seen from above.
-        file: name of the robot description.
-        oblique: angles of the rollers in Gazebo [deg], keyed by joint.
-        controller: controller, which assumes an X; None if unknown.
-    """
+    """Mark the roller directions as an estimate, or take those of Gazebo's friction."""
+    oblique = {
+        wheel.joint: wheel.roller_deg
+        for wheel in wheels
+        if wheel.roller_deg is not None and _OBLIQUE < abs(wheel.roller_deg) < 90.0 - _OBLIQUE
+    }
     kept = {name: found.wheels[INVALID.sub("_", name)] for name in oblique}
     other = [n for n, one in kept.items() if one["roller_angle_deg"] * oblique[n] < 0.0]
     if other:
@@ -257,43 +260,44 @@ def _estimate_rollers(
 
 
 def _ask_about_directions(
-    found: Described,
-    file: str,
-    difference: Mapping[str, float],
-    controller: Controller | None,
+    found: Described, file: str, wheels: Wheels, controller: Controller | None
 ) -> None:
-    """List wheels that roll sideways, or backward for a positive speed, by their axis.
-
-    Args:
-        found: receives the sentence.
-        file: name of the robot description.
-        difference: angle between the direction by the axis and that of the controller [deg], keyed
-            by joint.
-        controller: controller; None if unknown.
-    """
-    sideways = [name for name, angle in difference.items() if 45.0 <= angle <= 135.0]
-    backward = [name for name, angle in difference.items() if angle > 135.0]
+    """List wheels that roll sideways, or backward for a positive speed, by their axis."""
+    assumed = {} if controller is None else controller.assumed
+    if controller is None and found.kind == MECANUM and _are_parallel(wheels):
+        assumed = {wheel.joint: (0.0, 1.0) for wheel in wheels}
+    difference = {
+        wheel.joint: abs(wrapped(wheel.heading_deg - assumed[wheel.joint][0]))
+        for wheel in wheels
+        if wheel.joint in assumed
+    }
+    sideways = ", ".join(name for name, angle in difference.items() if 45.0 <= angle <= 135.0)
+    backward = ", ".join(name for name, angle in difference.items() if angle > 135.0)
+    correct = "correct <axis> of the joint, which is 1 0 0 if the file does not name it"
+    by_hand = "turn these wheels forward by hand and look at the sign of their velocity"
     if sideways and controller is not None:
         found.contradictions.append(
-            f"{', '.join(sideways)}: the axis in {file} is not across the direction in which "
-            f"{controller.name} rolls the wheel; used: {controller.name}; correct <axis> of the "
-            "joint, which is 1 0 0 if the file does not name it"
+            f"{sideways}: the axis in {file} is not across the direction in which "
+            f"{controller.name} rolls the wheel; used: {controller.name}; {correct}"
         )
-    by_hand = "turn these wheels forward by hand and look at the sign of their velocity"
+    elif sideways:
+        found.questions.append(
+            f"by their axes, {sideways} roll along y of base_link, as heading_deg says: does x "
+            f"point forward? (otherwise turn base_link; or {correct})"
+        )
     if backward and controller is not None:
         found.contradictions.append(
-            f"{', '.join(backward)}: a positive speed is forward for {controller.name}, but "
+            f"{backward}: a positive speed is forward for {controller.name}, but "
             f"backward by the axis in {file}; used: {controller.name}; {by_hand}"
         )
-    turned_back = [n for n, one in found.wheels.items() if abs(one.get("heading_deg", 0.0)) > 90.0]
-    if turned_back and controller is None and found.kind == MECANUM:
+    elif backward:
         found.questions.append(
-            f"by their axes, {', '.join(turned_back)} roll backward for a positive speed, as "
+            f"by their axes, {backward} roll backward for a positive speed, as "
             f"heading_deg says: do their encoders count so? ({by_hand})"
         )
 
 
-def _ask_about_names(found: Described, wheels: Sequence[DescribedWheel]) -> None:
+def _ask_about_names(found: Described, wheels: Wheels) -> None:
     changed = [wheel.joint for wheel in wheels if wheel.joint not in found.wheels]
     if changed:
         found.questions.append(
@@ -309,22 +313,6 @@ def _ask_about_names(found: Described, wheels: Sequence[DescribedWheel]) -> None
             )
 
 
-def _assumed(controller: Controller | None) -> dict[str, tuple[float, float]]:
-    """Return heading [deg] and factor of the radius that a controller assumes, keyed by joint."""
-    if controller is None or (controller.kind == OMNI and controller.wheel_offset is None):
-        return {}
-    theta, count = math.degrees(controller.offset[2]), len(controller.joints)
-    first = math.degrees(controller.wheel_offset or 0.0) - 90.0
-    omni = controller.kind == OMNI
-    return {
-        joint: (
-            first + 360.0 * row / count if omni else -theta,
-            controller.factors.get(key, 1.0),
-        )
-        for row, (key, joint) in enumerate(controller.joints.items())
-    }
-
-
 def _check_units(radii: Mapping[str, float], place: FloatArray, file: str) -> None:
     """Raise `ConfigurationError` if a length is not that of a vehicle in meters.
 
@@ -334,13 +322,16 @@ def _check_units(radii: Mapping[str, float], place: FloatArray, file: str) -> No
         file: name of the robot description.
     """
     smallest, largest = _RADII
-    for unit, factor in _UNITS.items():
-        for source, radius in radii.items():
-            if any(abs(radius / other / factor - 1.0) < _ALIKE for other in radii.values()):
-                raise _in_other_unit(f"the radius of a wheel in {source}", radius, unit)
     for source, radius in radii.items():
-        if not smallest < radius < largest:
-            raise _in_other_unit(f"the radius of a wheel in {source}", radius, *_UNITS)
+        units = [
+            unit
+            for unit, factor in _UNITS.items()
+            if any(abs(radius / other / factor - 1.0) < _ALIKE for other in radii.values())
+        ]
+        if units or not smallest < radius < largest:
+            raise _in_other_unit(
+                f"the radius of a wheel in {source}", radius, *(units[:1] or _UNITS)
+            )
     if (distance := float(np.linalg.norm(place))) > FARTHEST:
         raise _in_other_unit(
             f"the distance of a wheel from the center in {file}", distance, *_UNITS

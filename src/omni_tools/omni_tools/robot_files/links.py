@@ -7,12 +7,11 @@ coordinates of a frame to those of its parent, or of another frame; all joints a
 
 from __future__ import annotations
 
-import dataclasses
 import math
 import warnings
-from collections.abc import Iterable
-from functools import cached_property
-from typing import TypeVar
+from collections.abc import Iterable, Sequence
+from graphlib import CycleError, TopologicalSorter
+from typing import NamedTuple, TypeVar
 from xml.etree import ElementTree
 
 import numpy as np
@@ -25,14 +24,13 @@ from omni_core.sensors import rotation_matrix
 _SHAPES = {"box": ("size",), "cylinder": ("radius", "length"), "sphere": ("radius",)}
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
-class Shape:
+class Shape(NamedTuple):
     """A box, cylinder or sphere of a link.
 
     Attributes:
         kind: ``box``, ``cylinder`` (about its z axis) or ``sphere``.
         size: edges of the box, or radius and length of the cylinder, or radius of the sphere [m].
-        pose: pose in the link.
+        pose: pose in the link, or in the base of the robot.
         of: ``collision`` or ``visual``.
     """
 
@@ -43,7 +41,7 @@ class Shape:
 
     @property
     def corners(self) -> FloatArray:
-        """Corners of the box around the shape, in the frame of the link [m], shape (8, 3)."""
+        """Corners of the box around the shape, in the frame of its pose [m], shape (8, 3)."""
         radius, length = self.size[0], self.size[-1]
         half = {
             "box": 0.5 * np.array(self.size[:3]),
@@ -53,8 +51,7 @@ class Shape:
         return np.asarray(signs * half @ self.pose[:3, :3].T + self.pose[:3, 3])
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
-class Link:
+class Link(NamedTuple):
     """A link.
 
     Attributes:
@@ -74,8 +71,7 @@ class Link:
     meshes: int
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
-class Joint:
+class Joint(NamedTuple):
     """A joint.
 
     Attributes:
@@ -105,6 +101,8 @@ class Robot:
         file: name of the file, for messages.
         links: links, keyed by name.
         joints: joints, keyed by name.
+        parents: joint that holds a link, keyed by link; the root has none.
+        base: name of the link in whose frame poses are given; the root unless it is changed.
         driven: names of the joints that ros2_control drives by velocity.
         grips: extensions for Gazebo with a direction of friction, keyed by link.
 
@@ -132,17 +130,21 @@ class Robot:
             for element in root.findall("gazebo")
             if element.find(".//fdir1") is not None
         }
-        self._check_tree()
+        self.parents: dict[str, Joint] = {}
+        self.base = self._root()
+        self._poses: dict[str, FloatArray] = {self.base: np.eye(4)}
+        self._holders = {self.base: self.base}
+        for name in self._order()[1:]:
+            joint = self.parents[name]
+            self._poses[name] = self._poses[joint.parent] @ joint.pose
+            is_fixed = joint.kind == "fixed"
+            self._holders[name] = self._holders[joint.parent] if is_fixed else name
 
-    def grip(self, link: str, base: str) -> FloatArray | None:
+    def grip(self, link: str) -> FloatArray | None:
         """Return the direction of a link's larger friction in Gazebo, shape (3,); None if unknown.
 
         It is `fdir1` in the frame `expressed_in`, or in that of the link; if the friction `mu`
         along it is less than `mu2`, it is the direction across.
-
-        Args:
-            link: name of the link.
-            base: name of the link in whose frame the direction is returned.
         """
         element = self.grips.get(link)
         if element is None:
@@ -154,7 +156,7 @@ class Robot:
         try:
             direction = np.array([float(word) for word in friction["fdir1"].split()])
             along, across = float(friction.get("mu", friction.get("mu1", "1"))), friction.get("mu2")
-            direction = self.pose(frame, base)[:3, :3] @ direction
+            direction = self.pose(frame)[:3, :3] @ direction
             if across is not None and along < float(across):
                 direction = np.cross((0.0, 0.0, 1.0), direction)
         except ValueError:
@@ -173,29 +175,37 @@ class Robot:
             found[part.name] = part
         return found
 
-    def _check_tree(self) -> None:
+    def _root(self) -> str:
+        """Enter the joint that holds each link, and return the link that none holds."""
         if not self.links:
             raise self._wrong("has no links; give the file of the robot, which includes it")
-        parents: dict[str, Joint] = {}
         for joint in self.joints.values():
             for link in (joint.parent, joint.child):
                 if link not in self.links:
                     raise self._wrong(f"lacks the link {link!r} of the joint {joint.name!r}")
-            if joint.child in parents:
+            other = self.parents.setdefault(joint.child, joint)
+            if other is not joint:
                 raise self._wrong(
-                    f"has two joints, {parents[joint.child].name!r} and {joint.name!r}, for the "
-                    f"link {joint.child!r}"
+                    f"has two joints, {other.name!r} and {joint.name!r}, for the link "
+                    f"{joint.child!r}"
                 )
-            parents[joint.child] = joint
-        self.parents = parents
-        roots = [name for name in self.links if name not in parents]
+        roots = [name for name in self.links if name not in self.parents]
         if len(roots) != 1:
             raise self._wrong(
                 f"has {len(roots)} links that no joint holds ({', '.join(roots[:4]) or 'a loop'}); "
                 "give the description of one robot, whose links form one tree"
             )
-        for name in self.links:
-            self.chain(name)
+        return roots[0]
+
+    def _order(self) -> list[str]:
+        """Return the names of the links, each after the one that holds it."""
+        above = {name: [joint.parent] for name, joint in self.parents.items()}
+        try:
+            return list(TopologicalSorter(above).static_order()) or [self.base]
+        except CycleError as error:
+            raise self._wrong(
+                f"has a loop of joints through the link {error.args[1][0]!r}"
+            ) from None
 
     def chain(self, link: str) -> list[Joint]:
         """Return the joints from the root to a link, nearest to the link first."""
@@ -203,23 +213,11 @@ class Robot:
         while link in self.parents:
             joints.append(self.parents[link])
             link = joints[-1].parent
-            if len(joints) > len(self.links):
-                raise self._wrong(f"has a loop of joints through the link {link!r}")
         return joints
 
-    @cached_property
-    def _poses(self) -> dict[str, FloatArray]:
-        poses = {}
-        for name in self.links:
-            pose = np.eye(4)
-            for joint in self.chain(name):
-                pose = joint.pose @ pose
-            poses[name] = pose
-        return poses
-
-    def pose(self, link: str, base: str) -> FloatArray:
+    def pose(self, link: str) -> FloatArray:
         """Return the pose of a link in the frame of the link `base`, shape (4, 4)."""
-        return np.asarray(np.linalg.solve(self._poses[base], self._poses[link]))
+        return np.asarray(np.linalg.solve(self._poses[self.base], self._poses[link]))
 
     def below(self, link: str) -> list[str]:
         """Return a link and all links that its joints hold."""
@@ -231,15 +229,40 @@ class Robot:
 
     def rigid(self, link: str) -> list[str]:
         """Return the links that fixed joints connect with a link, and the link itself."""
+        return [name for name in self.links if self._holders[name] == self._holders[link]]
 
-        def held(name: str) -> str:
-            """Return the link that holds a link by fixed joints and is nearest to the root."""
-            for joint in self.chain(name):
-                if joint.kind != "fixed":
-                    return joint.child
-            return ""
+    def shapes(self, links: Iterable[str]) -> list[Shape]:
+        """Return the shapes of some links, with poses in the frame of the link `base`."""
+        return [
+            shape._replace(pose=self.pose(name) @ shape.pose)
+            for name in links
+            for shape in self.links[name].shapes
+        ]
 
-        return [name for name in self.links if held(name) == held(link)]
+    def body(self, links: Sequence[str]) -> tuple[float, FloatArray, FloatArray]:
+        """Return mass and moments of inertia of some links as one rigid body.
+
+        Args:
+            links: names of the links.
+
+        Returns:
+            Mass [kg]; center of gravity in the frame of the link `base` [m], shape (3,); moments of
+            inertia about it along the axes of this frame [kg m^2], shape (3, 3).
+        """
+        poses, parts = [self.pose(name) for name in links], [self.links[name] for name in links]
+        masses = np.array([one.mass for one in parts])
+        mass = float(np.sum(masses))
+        centers = [
+            pose[:3, :3] @ one.center + pose[:3, 3] for pose, one in zip(poses, parts, strict=True)
+        ]
+        center = masses @ centers / (mass or 1.0)
+        arms = np.array(centers) - center
+        spread = arms.T @ (masses[:, np.newaxis] * arms)
+        own = [
+            pose[:3, :3] @ one.inertia @ pose[:3, :3].T
+            for pose, one in zip(poses, parts, strict=True)
+        ]
+        return mass, center, np.sum(own, axis=0) + np.trace(spread) * np.eye(3) - spread
 
     def _link(self, element: ElementTree.Element) -> Link:
         name, inertial = element.get("name", ""), element.find("inertial")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections import Counter
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -12,7 +13,7 @@ import numpy as np
 from omni_core.configuration import ConfigurationError, did_you_mean
 from omni_core.quantities import FloatArray
 from omni_tools.robot_files.controllers import Controller, wrapped
-from omni_tools.robot_files.links import Joint, Robot
+from omni_tools.robot_files.links import Joint, Robot, Shape
 
 _MOVING = ("continuous", "revolute")
 _WHEEL = re.compile(r"wheel|whl|mecanum|omni|tire|tyre", re.IGNORECASE)
@@ -34,6 +35,7 @@ class DescribedWheel(NamedTuple):
         radii: radii of the wheel [m], keyed by ``collision`` and ``visual``; without meshes.
         width: width of the wheel [m]; 0 if unknown.
         beside: distance from the joint to the middle of the collision shape, along the axis [m].
+        mass: mass of the wheel, with its rollers [kg].
         inertia: moment of inertia about the axis [kg m^2].
     """
 
@@ -44,28 +46,29 @@ class DescribedWheel(NamedTuple):
     radii: dict[str, float]
     width: float
     beside: float
+    mass: float
     inertia: float
+
+
+Wheels = Sequence[DescribedWheel]
 
 
 def base_link(robot: Robot, controller: Controller | None) -> str:
     """Return the link that is base_link: of this name, or the controller's, or the root."""
-    named = [name for name in robot.links if re.fullmatch(r"(.*[/_])?base_link", name)]
-    if len(named) == 1 or "base_link" in named:
-        return "base_link" if "base_link" in named else named[0]
+    named = [name for name in robot.links if name.endswith("base_link")]
+    driven = "" if controller is None else controller.base
+    # The others are those of an arm.
     above = [one for one in named if set(named) <= set(robot.below(one))]
-    if controller is not None and controller.base in named:
-        return controller.base
-    if above:  # the others are those of an arm
-        return above[0]
+    for name in ("base_link", driven, *above):
+        if name in named:
+            return name
     if named:
         raise ConfigurationError(
             "--from",
             f"{robot.file} has several links named base_link: {', '.join(named)}; give the "
             "description of one robot",
         )
-    if controller is not None and controller.base in robot.links:
-        return controller.base
-    return next(name for name in robot.links if name not in robot.parents)
+    return driven if driven in robot.links else robot.base
 
 
 def matched(robot: Robot, controller: Controller) -> Controller:
@@ -92,7 +95,7 @@ def matched(robot: Robot, controller: Controller) -> Controller:
 
 
 def described_wheels(
-    robot: Robot, controller: Controller | None, base: str
+    robot: Robot, controller: Controller | None, kind: str | None
 ) -> list[DescribedWheel]:
     """Return the wheels of a robot.
 
@@ -102,13 +105,14 @@ def described_wheels(
     Args:
         robot: robot description.
         controller: controller with the joints' names of the robot; None if unknown.
-        base: name of base_link.
+        kind: type of the wheels if the user gives it; descriptions of omnidirectional robots for
+            simulation may contain steering joints that the robot lacks.
 
     Raises:
         ConfigurationError: there are fewer than three wheels, or a wheel is steered.
     """
     named = controller.joints.values() if controller is not None else ()
-    joints = [robot.joints[name] for name in named] or _likely(robot, base)
+    joints = [robot.joints[name] for name in named] or _likely(robot)
     if len(joints) < 3:
         moving = [one.name for one in robot.joints.values() if one.kind in _MOVING]
         problem = f"{robot.file} has {len(joints) or 'no'} wheels, must have three or more"
@@ -117,16 +121,16 @@ def described_wheels(
             f"{problem} (moving joints: {', '.join(moving[:12]) or 'none'}); add the parameter "
             "file of the controller, which names the joints of the wheels",
         )
-    for joint in joints:
-        _check_not_steered(robot, joint, base)
-    return [_wheel(robot, joint, base) for joint in joints]
+    for joint in joints if kind is None else ():
+        _check_not_steered(robot, joint)
+    return [_wheel(robot, joint) for joint in joints]
 
 
-def _likely(robot: Robot, base: str) -> list[Joint]:
+def _likely(robot: Robot) -> list[Joint]:
     horizontal = [
         joint
         for joint in robot.joints.values()
-        if joint.kind in (*_MOVING, "fixed") and abs(_axis(robot, joint, base)[2]) < _UPRIGHT
+        if joint.kind in (*_MOVING, "fixed") and abs(_axis(robot, joint)[2]) < _UPRIGHT
     ]
     moving = [joint for joint in horizontal if joint.kind in _MOVING]
     driven = [joint for joint in moving if joint.name in robot.driven]
@@ -136,8 +140,8 @@ def _likely(robot: Robot, base: str) -> list[Joint]:
         if _WHEEL.search(f"{joint.name} {joint.child}")
         and not _NO_WHEEL.search(f"{joint.name} {joint.child}")
     ]
-    lowest = min((float(robot.pose(one.child, base)[2, 3]) for one in moving), default=0.0)
-    low = [one for one in moving if robot.pose(one.child, base)[2, 3] < lowest + _LEVEL]
+    lowest = min((float(robot.pose(one.child)[2, 3]) for one in moving), default=0.0)
+    low = [one for one in moving if robot.pose(one.child)[2, 3] < lowest + _LEVEL]
     turning = [joint for joint in named if joint.kind in _MOVING]
     for joints in (driven, turning, named, low):
         outer = _outermost(robot, joints)
@@ -156,20 +160,39 @@ def _outermost(robot: Robot, joints: Sequence[Joint]) -> list[Joint]:
     ]
 
 
-def _check_not_steered(robot: Robot, wheel: Joint, base: str) -> None:
+def _check_not_steered(robot: Robot, wheel: Joint) -> None:
     for joint in robot.chain(wheel.parent):
-        upright = abs(float((robot.pose(joint.child, base)[:3, :3] @ joint.axis)[2]))
-        if joint.kind in _MOVING and upright > 1.0 - _UPRIGHT:
+        if joint.kind in _MOVING and _is_upright(robot, joint):
             raise ConfigurationError(
                 "--from",
                 f"the wheel {wheel.name} of {robot.file} is steered by the joint {joint.name}; "
-                "the files of a vehicle describe wheels of a fixed direction",
+                "the files of a vehicle describe wheels of a fixed direction (if only a "
+                "simulation steers them, give --kind mecanum)",
             )
 
 
-def _axis(robot: Robot, joint: Joint, base: str) -> FloatArray:
+def possibly_steering(robot: Robot, wheels: Wheels) -> list[str]:
+    """Return the fixed joints with a vertical axis that hold one wheel each.
+
+    Simulations of vehicles with steered wheels fix these joints.
+    """
+    above = Counter(
+        joint.name
+        for wheel in wheels
+        for joint in robot.chain(robot.joints[wheel.joint].parent)
+        if joint.kind == "fixed" and _is_upright(robot, joint)
+    )
+    return [name for name in robot.joints if above[name] == 1]
+
+
+def _is_upright(robot: Robot, joint: Joint) -> bool:
+    """Return whether the axis of a joint is vertical."""
+    return abs(float((robot.pose(joint.child)[:3, :3] @ joint.axis)[2])) > 1.0 - _UPRIGHT
+
+
+def _axis(robot: Robot, joint: Joint) -> FloatArray:
     """Return the axis of a wheel in base_link; a fixed wheel is taken to roll forward."""
-    turn = robot.pose(joint.child, base)[:3, :3]
+    turn = robot.pose(joint.child)[:3, :3]
     if joint.kind != "fixed":
         return np.asarray(turn @ joint.axis)
     solid = next((one for one in robot.links[joint.child].shapes if one.kind == "cylinder"), None)
@@ -177,37 +200,45 @@ def _axis(robot: Robot, joint: Joint, base: str) -> FloatArray:
     return np.asarray(-axis if axis[1] < -1e-6 else axis)
 
 
-def _wheel(robot: Robot, joint: Joint, base: str) -> DescribedWheel:
-    axis, place = _axis(robot, joint, base), robot.pose(joint.child, base)[:3, 3]
+def _wheel(robot: Robot, joint: Joint) -> DescribedWheel:
+    axis, place = _axis(robot, joint), robot.pose(joint.child)[:3, 3]
     if abs(axis[2]) > _UPRIGHT or not np.any(axis):
         raise ConfigurationError(
             "--from", f"the axis of the wheel {joint.name} of {robot.file} is not horizontal"
         )
-    radii: dict[str, float] = {}
-    width = beside = inertia = 0.0
     below = robot.below(joint.child)
-    rigid = set(robot.rigid(joint.child)).intersection(below)
-    for name in below:
-        link, pose = robot.links[name], robot.pose(name, base)
-        turn = pose[:3, :3]
-        arm, along = turn @ link.center + pose[:3, 3] - place, turn.T @ axis
-        inertia += float(along @ link.inertia @ along)
-        inertia += link.mass * float(arm @ arm - (arm @ axis) ** 2)
-        for shape in link.shapes if name in rigid else ():  # rollers turn by themselves
-            is_round = shape.kind == "sphere" or (
-                shape.kind == "cylinder" and abs(shape.pose[:3, 2] @ along) > 1.0 - _UPRIGHT
-            )
-            if is_round and shape.size[0] > radii.get(shape.of, 0.0):
-                radii[shape.of] = shape.size[0]
-                if shape.kind == "cylinder" and (shape.of == "collision" or not width):
-                    middle = turn @ shape.pose[:3, 3] + pose[:3, 3] - place
-                    width, beside = shape.size[1], float(middle @ axis)
+    mass, center, moments = robot.body(below)
+    inertia = float(axis @ moments @ axis + mass * np.sum(np.cross(center - place, axis) ** 2))
+    rigid = set(robot.rigid(joint.child)).intersection(below)  # rollers turn by themselves
+    round_shapes = sorted(
+        (one for one in robot.shapes(rigid) if _is_round(one, axis)),
+        key=lambda one: (one.of, one.size[0]),
+    )
+    cylinders = {one.of: one for one in round_shapes if one.kind == "cylinder"}
+    solid = cylinders.get("collision", cylinders.get("visual"))
     heading = math.degrees(math.atan2(-axis[0], axis[1]))
     usual = _STEP * round(heading / _STEP)
     heading = round(wrapped(usual if abs(heading - usual) < _ROUNDED else heading), 6)
-    grip = robot.grip(joint.child, base)
+    grip = robot.grip(joint.child)
     roller = None
     if grip is not None and np.any(grip[:2]):
         away = math.degrees(math.atan2(grip[1], grip[0])) - heading
         roller = round(wrapped(2.0 * away) / 2.0, 1)
-    return DescribedWheel(joint.name, place, heading, roller, radii, width, beside, inertia)
+    return DescribedWheel(
+        joint=joint.name,
+        place=place,
+        heading_deg=heading,
+        roller_deg=roller,
+        radii={one.of: one.size[0] for one in round_shapes},  # the largest is the last one
+        width=0.0 if solid is None else solid.size[1],
+        beside=0.0 if solid is None else float((solid.pose[:3, 3] - place) @ axis),
+        mass=mass,
+        inertia=inertia,
+    )
+
+
+def _is_round(shape: Shape, axis: FloatArray) -> bool:
+    """Return whether a shape is round about the axis of a wheel."""
+    across = abs(float(shape.pose[:3, 2] @ axis))
+    turns = shape.kind == "sphere" or (shape.kind == "cylinder" and across > 1.0 - _UPRIGHT)
+    return turns and shape.size[0] > 0.0

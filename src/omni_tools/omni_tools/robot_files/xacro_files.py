@@ -9,7 +9,7 @@ import ast
 import contextlib
 import importlib
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 from xml.parsers.expat import ExpatError
@@ -53,7 +53,11 @@ def read_description(
     except ImportError:
         problem = f"{path} needs the package xacro: ./omni install xacro, or {_REMEDY}"
         raise ConfigurationError("--from", problem) from None
-    with _replaced(_guarded(xacro, packages_around(path), trust, skipped)):
+    with contextlib.ExitStack() as restored:
+        guarded = _guarded(xacro, packages_around(path), trust, skipped)
+        for (module, name), function in guarded.items():
+            restored.callback(setattr, module, name, getattr(module, name))
+            setattr(module, name, function)
         return _expanded(xacro, path, arguments)
 
 
@@ -91,23 +95,12 @@ def _reason(error: Exception) -> str:
     return text
 
 
-@contextlib.contextmanager
-def _replaced(functions: Mapping[tuple[Any, str], Any]) -> Iterator[None]:
-    """Replace functions of modules, keyed by module and name, for a while."""
-    before = {(module, name): getattr(module, name) for module, name in functions}
-    try:
-        for (module, name), function in functions.items():
-            setattr(module, name, function)
-        yield
-    finally:
-        for (module, name), function in before.items():
-            setattr(module, name, function)
-
-
 def _guarded(
     xacro: Any, packages: Mapping[str, Path], trust: bool, skipped: list[str] | None
 ) -> dict[tuple[Any, str], Any]:
     """Return functions with which xacro finds packages and evaluates only what `_check` permits.
+
+    They are keyed by the module and the name of the functions that they replace.
 
     Args:
         xacro: the module, whose functions `safe_eval` and `eval_extension` evaluate all text.

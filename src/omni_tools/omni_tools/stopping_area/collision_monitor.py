@@ -6,6 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from omni_core import geometry, quantities
+from omni_core.kinematics import require_omni_wheels
 from omni_runs.experiment import WITHOUT_CAMERAS, ExperimentLibrary, short_name
 from omni_runs.metrics import Metric
 from omni_runs.yaml_files import commented_yaml
@@ -15,8 +16,8 @@ from omni_tools.stopping_area.options import AreaOptions
 # As in section 3.5 and the experiment straight_line: the enhanced weighting with k = 7.
 _ASSISTANT = ("brake_assist.weighting=enhanced", "brake_assist.k=7")
 
-# A stop ends after this time at rest [s]. Tires and chassis then move the footprint by less than
-# 0.6 mm (2000 stops of the vehicles in config/), which `_MARGIN` contains.
+# A stop ends after this time at rest [s]. In the next 2 s, tires and chassis move the footprint by
+# less than 0.6 mm (2000 stops of the vehicles on omni-wheels in config/), which `_MARGIN` contains.
 _AT_REST = 0.1
 _MARGIN = 0.002  # by which areas are enlarged: 1 mm for rounding, 1 mm for motion after a stop [m]
 
@@ -30,7 +31,12 @@ _VERSIONS = {
 
 
 def stop_campaign(options: AreaOptions, library: ExperimentLibrary) -> area.StopCampaign:
-    """Return the campaign of stops from which the stopping areas are computed."""
+    """Return the campaign of stops from which the stopping areas are computed.
+
+    Raises:
+        UnusablePlatformError: a wheel is conventional.
+    """
+    require_omni_wheels(library.vehicle(options.vehicle).wheels, "nav2-polygons")
     fixed = [
         f"vehicle={options.vehicle}",
         *WITHOUT_CAMERAS,

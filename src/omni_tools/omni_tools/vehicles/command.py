@@ -69,7 +69,7 @@ def run(options: Options, workspace: ExperimentWorkspace) -> Report:
     from omni_runs.graph.run_folder import unused
     from omni_runs.plausibility import remarks
     from omni_sim.vehicle.plausibility import wheel_facts
-    from omni_tools.vehicles.estimates import Measured, MeasuredByFiles, write_vehicle
+    from omni_tools.vehicles.estimates import KnownValues, Measured, MeasuredByFiles, write_vehicle
     from omni_tools.vehicles.from_files import described_vehicle, known_values
 
     folder = unused(options.out or Path(options.name))
@@ -84,7 +84,7 @@ def run(options: Options, workspace: ExperimentWorkspace) -> Report:
         measured = from_mapping(Measured if found is None else MeasuredByFiles, answers)
     except ConfigurationError as error:
         raise ConfigurationError(option_of(Options, error.key), error.problem) from None
-    known = None if found is None else known_values(options.name, found, measured)
+    known = KnownValues() if found is None else known_values(options.name, found, measured)
     paths = write_vehicle(options.name, measured, make_folder(folder), known)
     experiment = workspace.experiment_library().load(str(folder / "experiment.yaml"), "assisted")
     facts = wheel_facts(experiment.vehicle, experiment.ground.friction)

@@ -32,7 +32,6 @@ def vehicle_in_words(vehicle: VehicleConfiguration) -> dict[str, str]:
     facts = wheel_facts(vehicle)
     loads = [fact.load for fact in facts.values()]
     radii = sorted({mount.radius for mount in vehicle.wheels.values()})
-    rollers = Rollers.of(vehicle.wheels)
     return {
         "chassis": f"{vehicle.chassis_length:g} x {vehicle.chassis_width:g} m",
         "mass": f"{masses.mass:g} kg, {vehicle.load.mass:g} kg of which are load, "
@@ -40,14 +39,30 @@ def vehicle_in_words(vehicle: VehicleConfiguration) -> dict[str, str]:
         "center of gravity": f"({', '.join(map(plain, masses.center))}) m",
         "wheels": f"{len(vehicle.wheels)} of radius {', '.join(f'{r:g}' for r in radii)} m: "
         f"{', '.join(vehicle.wheels)}",
-        "rollers": (f"{rollers.shape} seen from above, " if rollers.shape else "")
-        + f"lever in yaw {rollers.yaw_lever:.2g} m, smallest singular value of the kinematics "
-        f"{rollers.smallest_singular_value:.2g}",
+        **_rollers_or_steering(vehicle),
         "wheel loads": f"{plain(min(loads))} to {plain(max(loads))} N; the tire is valid up to "
         f"{plain(vehicle.tire.largest_load)} N",
         "brakes": f"{vehicle.brake.max_torque:g} N m, {brakes_over_grip(facts):.2g} times the "
         "friction limit on dry ground",
         "tire": vehicle.tire.model,
+    }
+
+
+def _rollers_or_steering(vehicle: VehicleConfiguration) -> dict[str, str]:
+    """Return a text about the rollers, or about wheels without rollers and their steering."""
+    conventional = [name for name, one in vehicle.wheels.items() if one.kind == "conventional"]
+    if conventional:
+        steered = ", ".join(
+            f"{name} to {one.steering_limit_deg:g} deg at up to {one.steering_rate_deg:g} deg/s"
+            for name, one in vehicle.wheels.items()
+            if one.is_steered
+        )
+        return {"without rollers": ", ".join(conventional), "steered": steered or "no wheel"}
+    rollers = Rollers.of(vehicle.wheels)
+    shape = f"{rollers.shape} seen from above, " if rollers.shape else ""
+    return {
+        "rollers": f"{shape}lever in yaw {rollers.yaw_lever:.2g} m, smallest singular value of the "
+        f"kinematics {rollers.smallest_singular_value:.2g}"
     }
 
 

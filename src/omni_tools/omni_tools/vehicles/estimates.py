@@ -70,18 +70,18 @@ class KnownValues(NamedTuple):
     """Values that replace the estimates of a vehicle's files.
 
     Attributes:
-        heading: text at the beginning of the vehicle's file.
+        heading: text at the beginning of the vehicle's file; empty for the usual one.
         vehicle: nested values of the vehicle's file; `wheels` replaces all wheels.
         cameras: positions and headings of cameras that look at the ground, keyed by name.
         experiment: nested values of the experiment's file.
         sources: where the values come from, keyed by dotted key of the vehicle's file.
     """
 
-    heading: str
-    vehicle: Mapping[str, Any]
-    cameras: Mapping[str, Mapping[str, float]]
-    experiment: Mapping[str, Any]
-    sources: Mapping[str, str]
+    heading: str = ""
+    vehicle: Mapping[str, Any] = {}
+    cameras: Mapping[str, Mapping[str, float]] = {}
+    experiment: Mapping[str, Any] = {}
+    sources: Mapping[str, str] = {}
 
 
 class Estimates(NamedTuple):
@@ -109,10 +109,11 @@ class Estimates(NamedTuple):
 
 
 _USUAL = Estimates()
+_NOTHING_KNOWN = KnownValues()
 
 
 def write_vehicle(
-    name: str, measured: Measured, folder: Path, known: KnownValues | None = None
+    name: str, measured: Measured, folder: Path, known: KnownValues = _NOTHING_KNOWN
 ) -> list[Path]:
     """Write the files of a vehicle with estimated values, its cameras, and an example stop.
 
@@ -120,7 +121,7 @@ def write_vehicle(
         name: name of the vehicle, used in comments.
         measured: measured values of the vehicle.
         folder: folder of the files, created if it is missing.
-        known: values that replace estimates; None for none.
+        known: values that replace estimates.
 
     Returns:
         Paths of the written files.
@@ -132,18 +133,17 @@ def write_vehicle(
     return [folder / f"{part}.yaml" for part in parts]
 
 
-def _vehicle(name: str, measured: Measured, known: KnownValues | None) -> str:
+def _vehicle(name: str, measured: Measured, known: KnownValues) -> str:
     mass, radius = measured.mass + measured.load, measured.wheel_radius
-    if known is not None:
-        wheels = known.vehicle["wheels"]
-    else:
-        wheels = _omni_wheels(measured) if measured.kind == _OMNI else _mecanum_wheels(measured)
+    placed = _omni_wheels if measured.kind == _OMNI else _mecanum_wheels
+    wheels = known.vehicle.get("wheels") or placed(measured)
     carried = mass * GRAVITY / len(wheels)
     wheel_mass = math.pi * radius**2 * (TYPICAL_WIDTH * 2.0 * radius) * _USUAL.density
     locking = _USUAL.brake * carried * radius
     brake, braking = _brake(measured, locking)
     drive = measured.drive_torque or locking
     size = measured.length**2 + measured.width**2
+    c_x, c_y = _middle(known)
     values: dict[str, Any] = {
         "wheels": wheels,
         "chassis_length": measured.length,
@@ -157,8 +157,8 @@ def _vehicle(name: str, measured: Measured, known: KnownValues | None) -> str:
     if measured.load > 0.0:
         values["load"] = {
             "mass": measured.load,
-            "x": _round(0.3 * measured.length),
-            "y": _round(0.3 * measured.width),
+            "x": _round(c_x + 0.3 * measured.length),
+            "y": _round(c_y + 0.3 * measured.width),
             "height": _round(2.5 * radius),
         }
     values |= {
@@ -182,10 +182,8 @@ def _vehicle(name: str, measured: Measured, known: KnownValues | None) -> str:
     if not measured.drive_torque:
         notes["drive.max_torque"] = "the brake's"
     notes = {key: f"estimate: {note}" for key, note in notes.items()}
-    if known is not None:
-        values, notes = merge(values, known.vehicle), {**notes, **known.sources}
-        return commented_yaml(values, known.heading, notes)
-    return commented_yaml(values, f"{name}, {_HEADING.format(**to_mapping(measured))}", notes)
+    heading = known.heading or f"{name}, {_HEADING.format(**to_mapping(measured))}"
+    return commented_yaml(merge(values, known.vehicle), heading, {**notes, **known.sources})
 
 
 _HEADING = (
@@ -193,6 +191,11 @@ _HEADING = (
     "and radius of the wheels are measured. Replace estimates by measured values, the yaw inertia\n"
     "and the brakes first."
 )
+
+
+def _middle(known: KnownValues) -> tuple[float, float]:
+    """Return the center of the chassis in base_link [m]."""
+    return known.vehicle.get("chassis_x", 0.0), known.vehicle.get("chassis_y", 0.0)
 
 
 def _brake(measured: Measured, locking: float) -> tuple[dict[str, Any], str]:
@@ -316,12 +319,11 @@ def _stiffer(largest_load: float, radius: float) -> float:
     return largest_load / TireConfiguration().largest_load * _USUAL.radius / radius
 
 
-def _sensors(name: str, measured: Measured, known: KnownValues | None) -> str:
+def _sensors(name: str, measured: Measured, known: KnownValues) -> str:
     x, y = _round(0.35 * measured.length), _round(0.35 * measured.width)
     places = {"left": (0.0, y, 0.0), "right": (0.0, -y, 0.0), "front": (x, 0.0, 90.0)}
-    found = {} if known is None else dict(known.cameras)
-    middle = {} if known is None else known.vehicle
-    c_x, c_y = middle.get("chassis_x", 0.0), middle.get("chassis_y", 0.0)
+    found = dict(known.cameras)
+    c_x, c_y = _middle(known)
     heading = (
         f"Three line cameras under {name}, as section 4.4 suggests; ./omni design-sensors finds\n"
         "better positions. Their axes are tangential, so that all cameras measure the yaw rate."
@@ -343,7 +345,7 @@ def _sensors(name: str, measured: Measured, known: KnownValues | None) -> str:
     return commented_yaml({key: {**place, **camera} for key, place in found.items()}, heading)
 
 
-def _experiment(name: str, measured: Measured, known: KnownValues | None) -> str:
+def _experiment(name: str, measured: Measured, known: KnownValues) -> str:
     speed = min(_round(math.sqrt(2.0 * _USUAL.deceleration * 3.0 * measured.length), 2), 10.0)
     kind = BRAKES[measured.brakes]
     law = {"law": kind.law} if kind.law else {}
@@ -367,7 +369,7 @@ def _experiment(name: str, measured: Measured, known: KnownValues | None) -> str
         },
     }
     heading = f"A stop of {name}; run it with ./omni run and the path of this file."
-    return commented_yaml(values if known is None else merge(values, known.experiment), heading)
+    return commented_yaml(merge(values, known.experiment), heading)
 
 
 def _round(value: float, digits: int = 4) -> float:

@@ -1,18 +1,21 @@
 """Files of a vehicle from the files of a robot."""
 
+import itertools
 import textwrap
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 from omni_core.configuration import ConfigurationError
-from omni_tools.robot_files.controllers import Controller, read_controllers
+from omni_tools.robot_files.controllers import read_controllers
 from omni_tools.robot_files.described import Described, rounded
 from omni_tools.robot_files.description import describe
 from omni_tools.robot_files.links import Robot, roll_pitch_yaw
 from omni_tools.robot_files.xacro_files import read_description
 from omni_tools.vehicles.estimates import KnownValues, Measured
 
+# Keys of the vehicle's file whose source is the user if an option gives their value.
+_KEYS = {"mass": "body.", "length": "chassis_length", "width": "chassis_width"}
 _ROUNDING = 1e-4  # offset of the chassis that is not written [m]
 _WIDTH = 110  # characters of a line of comment
 _PARAMETERS = (".yaml", ".yml")
@@ -41,16 +44,8 @@ def described_vehicle(
     pairs = (word.partition(":=") for word in words if ":=" in word)
     arguments = {name: value for name, _, value in pairs}
     paths = [Path(word) for word in words if ":=" not in word]
-    controllers: list[Controller] = []
-    descriptions: list[Path] = []
-    without: list[str] = []
-    for path in paths:
-        if path.suffix.lower() in _PARAMETERS:
-            drives = read_controllers(path)
-            controllers += drives
-            without += [] if drives else [path.name]
-        else:
-            descriptions.append(path)
+    read = {one: read_controllers(one) for one in paths if one.suffix.lower() in _PARAMETERS}
+    descriptions = [path for path in paths if path not in read]
     if len(descriptions) > 1:
         names = ", ".join(path.name for path in descriptions)
         problem = f"{names} are several robots, each with a base_link; give the file of one"
@@ -59,15 +54,16 @@ def described_vehicle(
     for path in descriptions:
         lacking = skipped if skip_missing else None
         robot = Robot(path.name, read_description(path, arguments, trust, lacking))
-    found = describe(robot, controllers, kind, radius)
+    found = describe(robot, list(itertools.chain(*read.values())), kind, radius)
     found.questions += [
         f"the package {package} is left out: which masses, shapes and sensors does it add?"
         for package in dict.fromkeys(skipped)
     ]
     found.questions += [
-        f"{name} contains no known controller of omni-wheels: which file has the radius of the "
-        "wheels and their distances?"
-        for name in without
+        f"{path.name} contains no known controller of omni-wheels: which file has the radius of "
+        "the wheels and their distances?"
+        for path, controllers in read.items()
+        if not controllers
     ]
     return found
 
@@ -84,19 +80,19 @@ def known_values(name: str, found: Described, measured: Measured) -> KnownValues
         wheel: {**values, "radius": values.get("radius", measured.wheel_radius)}
         for wheel, values in found.wheels.items()
     }
-    sources = dict(found.sources)
-    body: dict[str, Any] = {}
-    if found.center is not None and found.mass == measured.mass:
-        x, y, height = (rounded(float(value)) for value in found.center)
-        body = {"x": x, "y": y, "height": max(height, 0.0)}
-        sources["body.height"] = sources["body.mass"]
-    if found.yaw_inertia is not None and found.mass == measured.mass:
-        body["yaw_inertia"] = rounded(found.yaw_inertia)
+    described = found.measured
+    given = tuple(key for one, key in _KEYS.items() if getattr(measured, one) != described.get(one))
+    sources = {key: text for key, text in found.sources.items() if not key.startswith(given)}
+    # The files do not know the distribution of a mass that the user gives.
+    body = found.body if found.mass == measured.mass else {}
     vehicle: dict[str, Any] = {"wheels": wheels, "body": body}
-    for key, value in zip(("chassis_x", "chassis_y"), found.chassis_center, strict=True):
+    for axis, value in zip("xy", found.chassis_center.tolist(), strict=True):
         if abs(value) > _ROUNDING:
-            vehicle[key] = rounded(float(value))
-            sources[key] = sources.get("chassis_length", "")
+            vehicle[f"chassis_{axis}"] = rounded(value)
+            sources[f"chassis_{axis}"] = found.sources.get("chassis_length", "")
+            if axis not in body:
+                body[axis] = rounded(value)
+                sources[f"body.{axis}"] = "estimate: the middle of the chassis"
     if found.wheel_inertia is not None:
         vehicle["wheel_inertia"] = max(rounded(found.wheel_inertia), 1e-6)
     problems = [f"contradiction: {one}" for one in found.contradictions]

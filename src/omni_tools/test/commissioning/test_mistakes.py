@@ -160,9 +160,9 @@ def test_a_wrong_radius_of_a_wheel_is_named_and_corrected(
 ) -> None:
     wheels, signals, known = forklift
     wheels, signals = of_wheel(name, radius=radius)(wheels, signals)
-    mistakes = findings(wheels, signals, known).mistakes
-    assert [one.name for one in mistakes] == [f"radius of wheel {name} is wrong"]
-    assert found(dict(mistakes[0].wheels or {}), signals, known) == []
+    result = findings(wheels, signals, known)
+    assert [one.name for one in result.mistakes] == [f"radius of wheel {name} is wrong"]
+    assert found(dict(result.wheels), signals, known) == []
 
 
 @pytest.mark.parametrize("axis", ["x", "y"])
@@ -180,7 +180,7 @@ def test_positions_that_are_too_small_have_the_effect_of_a_slip_and_are_not_corr
     result = findings(farther, signals, known)
     (mistake,) = result.mistakes
     assert mistake.name.startswith("wheelbase or track: the wheels are 0.9")
-    assert mistake.wheels is None
+    assert result.wheels == farther
     assert result.undecided == []
 
 
@@ -217,11 +217,12 @@ def test_errors_of_several_wheels_are_all_named_and_corrected(
     wheels, signals, known = forklift
     for words in changes:
         wheels, signals = MISTAKES[words](wheels, signals)
-    mistakes = findings(wheels, signals, known).mistakes
-    assert all(one.name.startswith(words) for one, words in zip(mistakes, names, strict=True))
+    result = findings(wheels, signals, known)
+    assert all(
+        one.name.startswith(words) for one, words in zip(result.mistakes, names, strict=True)
+    )
     if "speed" not in names[1]:  # the encoders are not in the file
-        again = found(dict(mistakes[-1].wheels or {}), signals, known)
-        assert again == []
+        assert found(dict(result.wheels), signals, known) == []
 
 
 def test_a_tilted_accelerometer_has_no_wrong_axes(
@@ -354,12 +355,12 @@ def test_the_corrected_file_of_a_vehicle_has_no_mistake(
     library = ExperimentLibrary(CONFIG)
     values = library.vehicle_values("mecanum_forklift")
     for wrong, drive_of in ((other, signals), (wheels, late)):
-        mistakes = findings(wrong, drive_of, known).mistakes
+        result = findings(wrong, drive_of, known)
         file = tmp_path / "vehicle.yaml"
-        file.write_text(yaml.safe_dump(corrected(values, mistakes), sort_keys=False))
+        file.write_text(yaml.safe_dump(corrected(values, result), sort_keys=False))
         vehicle = library.vehicle(str(file))
         again = findings(dict(vehicle.wheels), drive_of, known, vehicle).mistakes
-        assert mistakes
+        assert result.mistakes
         assert again == []
         assert vehicle.body == library.vehicle("mecanum_forklift").body
 

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from omni_core.configuration import WorkError
 from omni_core.kinematics import PlatformKinematics
 from omni_core.quantities import GRAVITY, FloatArray
 from omni_core.sensors import sensor_matrix
@@ -142,6 +143,32 @@ def test_either_motion_gives_the_simulated_load(vehicle: str, braking: bool) -> 
     error = deviation(found, truth)
     assert abs(error[0]) < (0.02 if braking else 0.002) * truth.masses.mass
     assert np.max(np.abs(error[1:])) < (0.02 if braking else 0.002)
+
+
+@pytest.mark.parametrize("vehicle", ["steered_forklift", "swerve_robot"])
+def test_vehicles_on_conventional_wheels_show_their_load(vehicle: str) -> None:
+    """Unknown side forces leave only the mass to braking; a curve of steered wheels is not used."""
+    off = ("brake_assist.enabled=false", "brake_assist.fault_detection=false")
+    drive, truth = simulated(vehicle, (150.0, 0.2, -0.1), 0.0, *off)
+    found = estimate_load(drive, LIBRARY.vehicle(vehicle), Uncertainty(5e-5, 0.01, 0.01))
+    assert found.rolling > 3.0
+    assert found.braking > 0.3
+    error = deviation(found, truth)
+    assert abs(error[0]) < 0.002 * truth.masses.mass
+    assert np.max(np.abs(error[1:])) < 0.002
+    with pytest.raises(WorkError, match="center of gravity"):
+        estimate_load(only(drive, braking=True), LIBRARY.vehicle(vehicle), EXACT)
+    curve = drive._replace(twist=drive.twist + np.array([0.0, 0.0, 0.2]))
+    with pytest.raises(LoadDataError, match="3 s of free rolling"):
+        estimate_load(only(curve, braking=False), LIBRARY.vehicle(vehicle), EXACT)
+
+
+def test_only_stops_in_a_direction_of_rolling_are_forecast() -> None:
+    """A load on the right turns a car to the right whether it moves ahead or back, by symmetry."""
+    car = loaded(LIBRARY.vehicle("steered_forklift"), 250.0, 0.0, -0.4)
+    rotation, direction = largest_rotation(car, 5.0)
+    assert direction in (0.0, 180.0)
+    assert abs(rotation) > 0.1
 
 
 def test_one_direction_of_braking_shows_only_the_distance_from_its_line() -> None:

@@ -138,6 +138,31 @@ def test_a_singular_placement_is_named_and_fails_the_check(
 
 
 @pytest.mark.usefixtures("quick")
+def test_cameras_on_carriers_are_evaluated_at_the_steering_angles_of_each_motion(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Two fixed cameras measure v_x and yaw rate; sideways, the third one measures v_x, too."""
+    camera = "pixels: 256, length: 0.05, width: 0.02, line_rate: 1000.0"
+    wheel = "carrier: rear_left, carrier_x: -0.4, carrier_y: 0.3"
+    placement = tmp_path / "mine.yaml"
+    placement.write_text(
+        f"left: {{x: 0.0, y: 0.25, heading_deg: 0.0, {camera}}}\n"
+        f"right: {{x: 0.0, y: -0.25, heading_deg: 0.0, {camera}}}\n"
+        f"turned: {{x: -0.25, y: 0.3, heading_deg: 90.0, {camera}, {wheel}}}\n"
+    )
+    checks = ("--vehicle", "swerve_robot", "--check", placement, "--speed", 3, "--yaw-rate", 2)
+    assert omni(*checks, "--out", tmp_path / "out") == 1
+    printed = " ".join(capsys.readouterr().out.split())
+    assert "mine is not singular at steering angles of 0: its" in printed
+    assert "mine in sideways motion (rear_left at -90 deg): it is singular: the axes" in printed
+    # The wheel at (-0.4, 0.3) m moves toward atan(-0.4 * 2 / (3 - 0.3 * 2)) = -18 deg.
+    assert "mine in turning motion (rear_left at -18 deg): its mean error is" in printed
+    assert "too close to wheel" not in printed
+    assert omni(*checks[2:], "--out", tmp_path / "out") == 2
+    assert "carrier: 'rear_left' is not one of" in capsys.readouterr().err
+
+
+@pytest.mark.usefixtures("quick")
 def test_a_search_that_finds_no_room_has_failed(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

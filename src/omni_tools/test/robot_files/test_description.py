@@ -253,6 +253,14 @@ def test_a_forgotten_axis_is_listed_and_the_direction_of_the_controller_used(
         assert wheel["roller_angle_deg"] == right.wheels[name]["roller_angle_deg"]
 
 
+def test_wheels_that_roll_along_y_by_their_axes_are_asked_about(described: Write) -> None:
+    found = described(mecanum_urdf().replace('<axis xyz="0 1 0"/>', ""))
+    assert {wheel["heading_deg"] for wheel in found.wheels.values()} == {-90.0}
+    words = "by their axes, fl_joint, fr_joint, rl_joint, rr_joint roll along y of base_link"
+    (asked,) = [one for one in found.questions if words in one]
+    assert "does x point forward?" in asked
+
+
 def test_axles_above_the_ground_and_impossible_inertias_are_listed(described: Write) -> None:
     urdf = mecanum_urdf(height=0.08).replace('iyy="0.0006"', 'iyy="1"')
     listed = described(urdf, CONTROLLER).contradictions
@@ -382,6 +390,12 @@ def test_steered_wheels_and_several_controllers_are_refused(described: Write) ->
     fork = joint("fork_joint", "base_link", "fork", "0 0 0", axis="0 0 1") + link("fork")
     with pytest.raises(ConfigurationError, match="is steered by the joint fork_joint"):
         described(urdf.replace("</robot>", f"{fork}</robot>"))
+    simulated = described(urdf.replace("</robot>", f"{fork}</robot>"), kind="mecanum")
+    assert simulated.wheels == described(mecanum_urdf(), kind="mecanum").wheels
+    still = fork.replace("continuous", "fixed")
+    questions = described(urdf.replace("</robot>", f"{still}</robot>")).questions
+    assert any("fixed joints fork_joint have a vertical axis" in one for one in questions)
+    assert not any("vertical axis" in one for one in described(mecanum_urdf()).questions)
     other = CONTROLLER.replace("0.3", "0.4").replace("drive:", "other:")
     with pytest.raises(ConfigurationError, match="several controllers drive wheels"):
         described(mecanum_urdf(), CONTROLLER, other)
@@ -454,6 +468,10 @@ def test_base_link_may_be_anywhere(tmp_path: Path) -> None:
     assert experiment.sensors["front"].x == pytest.approx(0.3 + 0.35 * 0.5)
     assert experiment.brake_assist.imu_x == pytest.approx(0.4)
     assert experiment.brake_assist.imu_rotation_deg == (0.0, 0.0, 90.0)
+    run(tmp_path / "heavy", str(tmp_path / "new.urdf"), mass=30.0, load=3.0)
+    heavy = ExperimentLibrary(CONFIG).load(str(tmp_path / "heavy/vehicle"), "assisted").vehicle
+    assert heavy.body.x == pytest.approx(0.3)  # the middle of the chassis
+    assert heavy.load.x == pytest.approx(0.3 + 0.3 * 0.5)
 
 
 def test_what_is_missing_is_asked_for_and_may_be_given(tmp_path: Path) -> None:

@@ -187,6 +187,11 @@ def test_a_single_limit_of_an_axis_is_refused() -> None:
         AreaOptions(speed_x=1.0)
 
 
+def test_a_vehicle_on_conventional_wheels_is_refused_by_name() -> None:
+    with pytest.raises(ConfigurationError, match=r"^wheels\..*conventional, but nav2-polygons "):
+        stop_campaign(AreaOptions(vehicle="swerve_robot"), ExperimentLibrary(CONFIG))
+
+
 def test_several_bands_name_the_versions_that_select_the_wrong_polygon() -> None:
     text, polygons = _parameters(2)
     assert "Only for nav2_collision_monitor of Jazzy from 1.3.12" in text
