@@ -124,11 +124,13 @@ class JointEstimator:
             raise Unmeasured(estimate.reason, unmatched=True)
         change = self._camera.change * (len(lines) - 1)
         reach = change + _AGREE * math.sqrt(estimate.variance + uncertain)
-        confirmed = not estimate.few or abs(estimate.value - last) < reach < math.inf
+        agrees = abs(estimate.value - last) < reach < math.inf
+        confirmed = agrees or (math.isnan(last) and not estimate.few)
         if confirmed or estimate.moves:
             self._before = estimate.value, estimate.variance
         if not confirmed:
-            raise Unmeasured("few features, which the last batch does not confirm", unmatched=True)
+            cause = "few features" if estimate.few else "a change of speed"
+            raise Unmeasured(f"{cause}, which the last batch does not confirm", unmatched=True)
         if not plausibility.check(stamp_ns, np.array([estimate.value]))[0]:
             raise Unmeasured(
                 f"not plausible: {estimate.value:.3g} px per line needs more than "

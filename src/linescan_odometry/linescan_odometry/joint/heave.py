@@ -64,8 +64,7 @@ class Heave:
             prior = (self._changes - self._errors) / self._weight
         share = prior / (prior + error) if prior > 0.0 else 0.0
         change, error = share * change, share * error  # posterior mean and variance
-        middle = (self._scale + 0.5 * change) ** 2 + self._error + 0.25 * error
-        self._scale = settled * (self._scale + change)
-        self._error = settled**2 * (self._error + error)
-        self._square = kept * self._square + middle
+        self._scale, self._error = self._scale + change, self._error + error
+        self._square = kept * self._square + self._scale**2 + self._error
+        self._scale, self._error = settled * self._scale, settled**2 * self._error
         self.variance = self._square / self._weight if prior > 0.0 else 0.0

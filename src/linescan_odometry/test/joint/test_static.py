@@ -64,12 +64,18 @@ def dirt(seed: int = 3) -> Levels:
     return clear
 
 
+def gains(seed: int = 3) -> Levels:
+    """Return the gains of pixels that differ by 5 %."""
+    return 1.0 + 0.05 * np.random.default_rng(seed).normal(size=PIXELS)
+
+
 @pytest.mark.parametrize("displacement", [0.05, 0.4, 2.4])
 @pytest.mark.parametrize("contrast", [0.3, 3.0, 20.0])
-def test_motion_below_a_dirty_window_is_not_a_certain_rest(
-    displacement: float, contrast: float
+@pytest.mark.parametrize("window", [dirt, gains])
+def test_motion_below_a_fixed_pattern_is_not_a_certain_rest(
+    displacement: float, contrast: float, window: Callable[[], Levels]
 ) -> None:
-    clear = dirt()
+    clear = window()
     for seed in range(4):
         found = JointEstimator(SENSOR, 512).estimate(
             batch(displacement, contrast, lambda _: clear, seed)
@@ -115,6 +121,29 @@ def test_rest_with_few_features_must_follow_a_measured_motion() -> None:
     for number in range(6):
         part = lines[25 * number : 25 * (number + 1)]
         assert not eye.update(LineBatch(round(1e7 * (number + 1)), part)).measured
+
+
+@pytest.mark.parametrize("window", [np.ones(PIXELS), dirt(), gains()])
+def test_a_lid_after_a_motion_shows_no_texture(window: Levels) -> None:
+    """The error of the pattern that was learned in motion is no texture.
+
+    A batch that begins with a line of the ground may have a velocity, but no certain one.
+    """
+    eye, noise = SensorOdometry(SENSOR, CONFIGURATION), np.random.default_rng(9)
+    measured = []
+    for number in range(60):
+        levels = np.full((25, PIXELS), 60.0)
+        if number < 20:
+            shifts = 2.4 * (25 * number + np.arange(25))
+            levels = np.array([ground(shift, 20.0) * window for shift in shifts])
+        noisy = np.rint(levels + noise.normal(0.0, 2.0, levels.shape))
+        lines = noisy.clip(0, 255).astype(np.uint8)
+        reading = eye.update(LineBatch(round(1e7 * (number + 1)), lines))
+        measured.append(reading.measured)
+        if number == 20 and reading.measured:
+            assert math.sqrt(reading.variance) > 0.25 * 2.4 * SENSOR.pixel_pitch * SENSOR.line_rate
+    assert all(measured[3:20])
+    assert not any(measured[21:])
 
 
 def test_one_batch_of_other_lines_does_not_blind_a_camera_at_rest() -> None:
