@@ -126,7 +126,7 @@ def test_any_split_into_batches_gives_the_same_displacements(
 
 @pytest.mark.parametrize(("late", "joined"), [(0.0, 1), (0.4, 1), (-0.4, 1), (0.6, 0), (-0.6, 0)])
 def test_a_gap_breaks_the_chain(late: float, joined: int, expose: Expose) -> None:
-    lines = expose([0.0, 5.0, 40.0], 256)
+    lines = expose([0.0, 35.0, 70.0], 256)
     sensor = one_sensor()
     sensor.update(batch(lines[:2], 1))
     reading = sensor.update(LineBatch(round((2 + late) * PERIOD_NS), lines[2:]))
