@@ -61,8 +61,8 @@ _LEDGER = np.dtype(
     ]
 )
 
-# Share of the initial speed below which a speed is small, and share of the possible deceleration
-# below which a deceleration is small [1].
+# Share of the initial speed below which a speed is small, and share of the smallest deceleration of
+# a braked vehicle below which a deceleration is small [1].
 _LITTLE = 0.3
 
 
