@@ -1,9 +1,9 @@
 """Monitor that uses pedal, wheel speeds and specific force to detect too little braking.
 
-A vehicle that decelerates by ``a`` although it could decelerate by ``c`` travels ``v (1 - a / c)
-dt`` farther than necessary. The monitor multiplies this length by the pedal position, adds it to
-the missed distance ``M``, adds the remaining length ``v a / c dt``, also multiplied by the pedal
-position, to the braked distance ``B``, and requires
+A vehicle that decelerates by ``a`` although braking decelerates it by at least ``c`` travels
+``v (1 - a / c) dt`` farther than necessary. The monitor multiplies this length by the pedal
+position, adds it to the missed distance ``M``, adds the remaining length ``v a / c dt``, also
+multiplied by the pedal position, to the braked distance ``B``, and requires
 
     M <= creep + allowance v_0 + share B
 
@@ -13,10 +13,13 @@ stop, and the speed before the stop minus the integral of the specific force and
 of the speed of the wheels about their center, which the gyro measures. A scale error that
 all encoders and the twist share therefore does not shorten the computed distance. Without an IMU
 such an error cannot be observed, and ``v`` decreases by at most `loss` per second. While all brakes
-act, nothing is added to ``M``. The deceleration ``a`` is measured in two ways: as the low-passed
-specific force, and as the difference between ``v`` and its low-pass. The larger of the two is used.
-The possible deceleration ``c`` is the largest low-passed specific force in this stop, scaled by the
-pedal position, and at least `least_loss`, which is possible even with little friction.
+act, nothing is added to ``M``.
+
+With an IMU, ``a`` is the low-passed specific force, plus the low-passed decrease of the speed of
+the wheels about their center. Without an IMU, it is the difference between ``v`` and its low-pass.
+The deceleration ``c`` is `least_loss`, scaled by the pedal position. It does not depend on earlier
+decelerations in the stop: on ice under one side of the vehicle, the assistant can only keep the
+heading with little deceleration, because it has to release brakes on the other side.
 
 Two more bounds limit how long brakes may be released. The first is the duration of a stop with the
 mean deceleration `least`, extended by `grace`. The second is used only with an IMU: at the end of a
@@ -38,7 +41,7 @@ from omni_brake_assist.configuration import BrakeAssistConfiguration
 from omni_brake_assist.filter_bank.state import least_loss
 from omni_core.geometry import PlatformGeometry
 from omni_core.kernels import by_reference, lean
-from omni_core.quantities import FloatArray
+from omni_core.quantities import FloatArray, Triple
 
 _LEDGER = np.dtype(
     [
@@ -53,15 +56,13 @@ _LEDGER = np.dtype(
         ("turn", "f8"),  # magnitude of the yaw rate [rad/s], NaN if unknown
         ("force_x", "f8"),  # low-passed specific force, x [m/s^2]
         ("force_y", "f8"),
-        ("best_force", "f8"),  # largest low-passed specific force [m/s^2]
-        ("best_pedal", "f8"),  # pedal position at the time of `best_force` [1]
+        ("slowing", "f8"),  # low-passed decrease of `reach` times `turn` per time [m/s^2]
         ("stalled", "f8"),  # time without much deceleration at the end of the stop [s]
     ]
 )
 
-_SETTLED = 0.6  # share of the final step response at which a low-pass becomes valid [1]
-# Share of the initial speed below which a speed is small, and share of the possible deceleration
-# below which a deceleration is small [1].
+# Share of the initial speed below which a speed is small, and share of the smallest deceleration of
+# a braked vehicle below which a deceleration is small [1].
 _LITTLE = 0.3
 
 
@@ -150,12 +151,11 @@ def watch_effect(
     ledger.demanded += pedal * dt
     felt = math.isfinite(force_x + force_y)
     loss = math.hypot(force_x, force_y) if felt else constants.loss
-    fallen = ledger.speed - (loss * dt if known else 0.0)
-    if math.isfinite(ledger.turn - turn):
-        fallen -= constants.reach * (ledger.turn - turn)
+    turned = constants.reach * (ledger.turn - turn)
+    turned = turned if math.isfinite(turned) else 0.0
     ledger.turn = turn
-    ledger.speed = max(top, fallen, 0.0)
-    achieved = _achieved(constants, ledger, dt, pedal, inertial)
+    ledger.speed = max(top, ledger.speed - (loss * dt if known else 0.0) - turned, 0.0)
+    achieved = _achieved(constants, ledger, dt, pedal, (force_x, force_y, turned))
     length = pedal * ledger.speed * dt
     if released:
         ledger.missed += (1.0 - achieved) * length
@@ -171,26 +171,30 @@ def watch_effect(
 
 @lean
 def _achieved(
-    constants: EffectConstants, ledger: Any, dt: float, pedal: float, inertial: FloatArray
+    constants: EffectConstants, ledger: Any, dt: float, pedal: float, lost: Triple
 ) -> float:
-    """Return the deceleration divided by the possible deceleration, 0 to 1.
+    """Return the deceleration divided by the smallest one with working brakes, 0 to 1.
 
-    The module's docstring defines both quantities. The arguments are those of `watch_effect`.
+    The module's docstring defines both quantities.
+
+    Args:
+        constants: constants of the vehicle.
+        ledger: record of the memory, changed in place.
+        dt: length of the step [s].
+        pedal: the driver's brake demand [1].
+        lost: specific force along x and y [m/s^2], NaN where unknown, and decrease of the speed of
+            the wheels about their center in this step [m/s].
     """
-    time = constants.wheel_time
-    settled = 1.0 - math.exp(-ledger.elapsed / time)
-    ledger.mean_speed += (1.0 - math.exp(-dt / time)) * (ledger.speed - ledger.mean_speed)
-    loss = (ledger.mean_speed - ledger.speed) / (time * settled) if settled > 0.0 else 0.0
-    if math.isfinite(inertial[1] + inertial[2]):
-        follow = 1.0 - math.exp(-dt / constants.force_time)
-        settled = 1.0 - math.exp(-ledger.elapsed / constants.force_time)
-        ledger.force_x += follow * (inertial[1] - ledger.force_x)
-        ledger.force_y += follow * (inertial[2] - ledger.force_y)
-        force = math.hypot(ledger.force_x, ledger.force_y) / settled if settled > 0.0 else 0.0
-        if settled > _SETTLED and force > ledger.best_force:
-            ledger.best_force, ledger.best_pedal = force, pedal
-        loss = max(loss, force)
-    possible = constants.least_loss * pedal
-    if ledger.best_pedal > 0.0:
-        possible = max(possible, ledger.best_force * min(pedal / ledger.best_pedal, 1.0))
-    return min(max(loss / possible, 0.0), 1.0)
+    force_x, force_y, turned = lost
+    felt = math.isfinite(force_x + force_y)
+    time = constants.force_time if felt else constants.wheel_time
+    follow, settled = 1.0 - math.exp(-dt / time), 1.0 - math.exp(-ledger.elapsed / time)
+    ledger.mean_speed += follow * (ledger.speed - ledger.mean_speed)
+    loss = (ledger.mean_speed - ledger.speed) / time
+    if felt:
+        ledger.force_x += follow * (force_x - ledger.force_x)
+        ledger.force_y += follow * (force_y - ledger.force_y)
+        ledger.slowing += turned / time - follow * ledger.slowing
+        loss = math.hypot(ledger.force_x, ledger.force_y) + max(ledger.slowing, 0.0)
+    least = constants.least_loss * pedal * settled
+    return min(max(loss / least, 0.0), 1.0) if least > 0.0 else 1.0

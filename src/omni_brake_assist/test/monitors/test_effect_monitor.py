@@ -185,8 +185,16 @@ def test_brakes_that_act_never_trip_the_monitor(constants: EffectConstants) -> N
 
 
 def test_less_pedal_may_have_less_effect(constants: EffectConstants) -> None:
-    assert trip_time(constants, 4.0, 1.0, pedal=(1.0, 0.25)) == np.inf
-    assert trip_time(constants, 4.0, 1.0) < np.inf
+    assert trip_time(constants, 4.0, 0.4, pedal=(1.0, 0.25)) == np.inf
+    assert trip_time(constants, 4.0, 0.4) < np.inf
+
+
+@pytest.mark.parametrize("imu", [True, False])
+def test_ice_that_takes_most_of_the_deceleration_does_not_end_the_assistance(
+    constants: EffectConstants, imu: bool
+) -> None:
+    later = 1.1 * constants.least_loss
+    assert trip_time(constants, 7.0, later, direction=DIRECTION[imu]) == np.inf
 
 
 def test_missed_braking_counts_in_proportion_to_the_pedal(constants: EffectConstants) -> None:

@@ -1,7 +1,7 @@
-"""Stops that lose a brake, compared with the best stop that any controller could reach.
+"""Stops that lose a brake or come onto ice, beside the best stop that any controller could reach.
 
 The bound (`omni_runs.limit.bounds`) is valid for stops that keep the heading, so its rotation is
-zero, with full knowledge of the failure in advance.
+zero, with full knowledge of the failure or the ice in advance.
 """
 
 import math
@@ -19,7 +19,7 @@ _MOST = 1.15  # limit on distance / bound if no stop keeps heading and limit on 
 
 
 def metrics(stops: Sequence[StopWithFault]) -> dict[str, Metric]:
-    """Return the metrics of the stops that lose a brake.
+    """Return the metrics of the stops that lose a brake or come onto ice.
 
     Args:
         stops: stops with any faults.
@@ -30,6 +30,9 @@ def metrics(stops: Sequence[StopWithFault]) -> dict[str, Metric]:
     for law in sorted({stop.law for stop in lost}):
         found |= _at_rest(f"{law}_three_wheels", [stop for stop in three if stop.law == law])
     groups: dict[str, list[StopWithFault]] = {}
+    for stop in stops:
+        if stop.counted and stop.extent == "event":
+            groups.setdefault(f"{stop.group}_{stop.kind}", []).append(stop)
     for stop in lost:
         if stop.counted and stop.case != THREE_WHEELS:
             when = "during" if stop.onset >= 0.0 else "before"
@@ -52,7 +55,7 @@ def _at_rest(group: str, stops: Sequence[StopWithFault]) -> dict[str, Metric]:
 
 def _beside_the_bound(group: str, stops: Sequence[StopWithFault]) -> Iterator[tuple[str, Metric]]:
     """Yield the metrics of the stops of a group beside those of the bound."""
-    limit = limits("brake", imu=bool(stops[0].imu))
+    limit = limits(stops[0].extent, imu=bool(stops[0].imu))
     known = [stop for stop in stops if stop.bound > 0.0]
     yield f"runs.{group}", Metric(len(stops), "1")
     rotation = max(stop.rotation - stop.all_on_rotation for stop in stops)

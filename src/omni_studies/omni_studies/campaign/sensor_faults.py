@@ -22,7 +22,7 @@ import numpy as np
 
 from omni_runs.compiled import FastRun, run_fast_loop
 from omni_runs.experiment import WITHOUT_CAMERAS, ExperimentConfiguration, ExperimentLibrary
-from omni_runs.limit.bounds import heading_bound, maneuver_of
+from omni_runs.limit.bounds import heading_bound, maneuver_of, straight_bound
 from omni_sim.sensor_configuration import CHANNELS, KINDS, FaultConfiguration
 from omni_sim.vehicle.configuration import WheelCondition
 from omni_studies.campaign import drawn_faults
@@ -108,9 +108,10 @@ class StopWithFault(NamedTuple):
         assisting: whether the assistant still released a brake more than 0.5 s after the onset
             while the vehicle was faster than 1 m/s; also 1 if the vehicle was never that fast after
             this time.
-        bound: for a lost brake, lower bound of the distance of stops that keep the heading, divided
-            by the distance of the reference stop [1]; 0 for other faults, and if the vehicle
-            rotates at the start of braking.
+        bound: for a lost brake, lower bound of the distance of stops that keep the heading; for
+            ice, that of stops that keep heading and line of motion; divided by the distance of the
+            reference stop [1]. It is 0 for other faults, and if the vehicle rotates at the start of
+            braking.
     """
 
     seed: int
@@ -211,12 +212,9 @@ class FaultyStops:
                 for name in CHANNELS
             }
             all_on = _reference([run_fast_loop(dataclasses.replace(faulty, faults=lost))])
-            least = 0.0
-            if fault.kind == "brake":
-                question = faulty.vehicle, faulty.ground, maneuver_of(faulty.maneuver)
-                least = np.nan_to_num(heading_bound(*question, math.inf).distance)
+            bound = heading_bound if fault.kind == "brake" else None
         elif fault.channel == "ground":
-            extent, least = "event", 0.0
+            extent, bound = "event", straight_bound
             path = run_fast_loop(base)
             ground = drawn_faults.with_ice(base.ground, fault, path, time)
             faulty = dataclasses.replace(base, ground=ground)
@@ -224,10 +222,13 @@ class FaultyStops:
             reference = all_on = _reference([run_fast_loop(unassisted)])
         else:
             faults = drawn_faults.configurations(fault, time)
-            extent, least = ("single", "pair", "triple")[fault.channel.count("+")], 0.0
+            extent, bound = ("single", "pair", "triple")[fault.channel.count("+")], None
             faulty = dataclasses.replace(base, faults=faults)
             reference = all_on = self.reference(setting)
-        run = run_fast_loop(faulty)
+        run, least = run_fast_loop(faulty), 0.0
+        if bound is not None:
+            question = faulty.vehicle, faulty.ground, maneuver_of(faulty.maneuver)
+            least = np.nan_to_num(bound(*question, math.inf).distance)
         return StopWithFault(
             seed,
             setting.law,

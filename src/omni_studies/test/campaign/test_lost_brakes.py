@@ -1,4 +1,4 @@
-"""Stops that lose a brake, beside the bound for stops that keep the heading."""
+"""Stops that lose a brake or come onto ice, beside the bound for stops that keep the heading."""
 
 from pathlib import Path
 
@@ -40,6 +40,36 @@ def test_only_a_lost_brake_of_a_vehicle_that_does_not_rotate_has_a_bound(
     rotating = stops.run(Setting("sliding_mode", True, "turn_while_translate"), _lost(0.5))
     assert stuck.bound == rotating.bound == 0.0
     assert "bounded.sliding_mode_imu_brake_lost_during" not in metrics([stuck])
+
+
+def test_ice_lengthens_the_shortest_stop_that_keeps_the_heading(stops: FaultyStops) -> None:
+    slippery, little = (
+        stops.run(_SETTING, SensorFault("ground", "ice", 0, 0.3, friction, 0.1))
+        for friction in (0.1, 0.9)
+    )
+    assert slippery.bound > 1.5  # no controller can keep the heading within the limit
+    assert little.bound < 1.0
+    found = metrics([slippery, little])
+    assert found["impossible.sliding_mode_imu_event_ice"].value == 1
+    ratio = found["over_bound_impossible.sliding_mode_imu_event_ice"]
+    assert ratio.value == pytest.approx(slippery.distance / slippery.bound)
+
+
+@pytest.mark.safety(
+    "the stop is longer or rotates more",
+    "ice under one side of the vehicle from the middle of the stop on, with the law `allocation`",
+    "the law keeps the heading: the stop is at most 1.15 times as long as the shortest one that "
+    "keeps heading and line, and rotates by at most 10 deg more than with all brakes on",
+    within="the whole stop",
+)
+@pytest.mark.parametrize(("onset", "friction"), [(0.3, 0.2), (0.6, 0.3), (0.9, 0.15)])
+def test_a_stop_on_ice_is_nearly_the_shortest_that_keeps_the_heading(
+    stops: FaultyStops, onset: float, friction: float
+) -> None:
+    ice = SensorFault("ground", "ice", 0, onset, friction, 0.1)
+    stop = stops.run(Setting("allocation", True, "straight_line"), ice)
+    assert stop.rotation <= 10.0
+    assert stop.distance <= 1.15 * stop.bound
 
 
 def test_three_wheels_are_counted_with_and_without_the_assistant(stops: FaultyStops) -> None:
