@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from omni_core.geometry import PlatformGeometry
 from omni_core.quantities import FloatArray
-from omni_sim.vehicle import dynamics, uneven_ground
+from omni_sim.vehicle import uneven_ground
 from omni_sim.vehicle.placing import rolling_radius
 from omni_sim.vehicle.uneven_ground import road_plane_at
 from omni_sim.vehicle.vehicle import Vehicle
@@ -138,7 +138,7 @@ def camber_angle(axis: ArrayLike, normal: ArrayLike) -> float:
 
 def wheel_contacts(vehicle: Vehicle) -> list[WheelContact]:
     """Return the contact of each wheel with its road plane, Eqs. (5), (6)."""
-    height, forward, left, _, _, _ = dynamics.standing(vehicle.state, 0.0)
+    height, forward, left, _, _, _ = uneven_ground.standing(vehicle.state, 0.0)
     body = vehicle.state.body[0]
     yaw = float(body["yaw"])
     turn = uneven_ground.orientation(yaw, forward, left)

@@ -12,7 +12,7 @@ import math
 from linescan_odometry.joint.fit import Scaling
 from linescan_odometry.joint.spectra import SIGNIFICANT
 
-_SETTLING = 0.1  # s; slower changes of the scale, as of the load, are not told from a drift
+_SETTLING = 0.1  # s; slower changes of the scale, as of the load, look like a drift
 _MEMORY = 0.5  # s; time constant with which earlier scales lose weight
 
 
