@@ -40,8 +40,8 @@ class Estimate(NamedTuple):
             before the fit.
         moves: whether the displacement is a motion and not rest.
         slope: the attribute `slope` of `Solution` [1].
-        few: whether the displacement is based on so few features that another batch must confirm
-            it.
+        few: whether the displacement is based on so few features, or on so little evidence, that
+            another batch must confirm it.
         scaling: change of the scale of the view.
         pattern: fixed pattern after this batch.
     """
@@ -249,8 +249,8 @@ def _choose(
 
     Returns:
         Displacement per line [px]; whether it is a motion and not rest; whether the lines are known
-        to shift along the axis; and the reason why the displacement is invalid, which is empty for
-        a valid displacement.
+        to shift along the axis; whether the evidence is so weak that another batch must confirm it;
+        and the reason why the displacement is invalid, which is empty for a valid displacement.
     """
     remainder, found = view.remainder, view.found
     evidence = candidates.rate(remainder, layout, found)
