@@ -8,7 +8,6 @@ than the bound. A stop that keeps heading and line does not rotate, so pushing c
 rotation of stops for which there is no bound without it; these are counted.
 """
 
-import dataclasses
 import math
 from collections.abc import Sequence
 
@@ -67,13 +66,8 @@ def main() -> None:
     braking = RandomBraking(library)
     seeds = range(options.seed, options.seed + options.stops)
     random = [braking.configurations(draw(seed))["unassisted"] for seed in seeds]
-    straight = output.load("straight_line", "unassisted", f"ground.friction={ICE}")
-    icy = [
-        dataclasses.replace(
-            straight, maneuver=dataclasses.replace(straight.maneuver, direction_deg=direction)
-        )
-        for direction in DIRECTIONS
-    ]
+    ice = ("straight_line", "unassisted", f"ground.friction={ICE}")
+    icy = [output.load(*ice, f"maneuver.direction_deg={one}") for one in DIRECTIONS]
     metrics = gains("random", random) | gains("ice", icy)
     output.publish("pushing_drives", metrics, as_json=options.json)
 

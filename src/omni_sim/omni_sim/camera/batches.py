@@ -225,20 +225,17 @@ class LineExposures:
             end_ns: end time, that of the trajectory's last row, included [ns].
             steering: steering angle of each carrier at both times [rad], keyed by wheel.
         """
-        taken: dict[float, _Exposure] = {}
+        taken: dict[tuple[float, str], _Exposure] = {}
         exposures = {}
+        duration = 1e-9 * self._step_ns * max(len(trajectory) - 1, 1)
         for name, camera in self.cameras.cameras.items():
-            sensor = camera.sensor
-            if steering and sensor.carrier:
-                duration = 1e-9 * self._step_ns * max(len(trajectory) - 1, 1)
-                path = carried_path(trajectory, sensor, steering[sensor.carrier], duration)
-                exposures[name] = self._exposure(sensor.line_rate, path, start_ns, end_ns)
-                continue
-            if sensor.line_rate not in taken:
-                taken[sensor.line_rate] = self._exposure(
-                    sensor.line_rate, trajectory, start_ns, end_ns
-                )
-            exposures[name] = taken[sensor.line_rate]
+            sensor, path = camera.sensor, trajectory
+            key = sensor.line_rate, sensor.carrier
+            if key not in taken:
+                if steering and sensor.carrier:
+                    path = carried_path(path, sensor, steering[sensor.carrier], duration)
+                taken[key] = self._exposure(sensor.line_rate, path, start_ns, end_ns)
+            exposures[name] = taken[key]
         self._batches = _Batches(exposures, self.cameras)
         return self._batches
 

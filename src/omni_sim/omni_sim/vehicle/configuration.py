@@ -243,18 +243,17 @@ class VehicleConfiguration(Configuration):
                 "passive_losses.roller_mass",
                 "belongs to the wheel model 'single'; individual rollers have rollers.inertia",
             )
-        lacking = {
-            "contact": self.contact != "ideal",
-            "suspension.stiffness": self.suspension.stiffness > 0.0,
-            "passive_losses": self.passive_losses.active,
-            "brake.kind": self.brake.is_ramped,
-            "fork": bool(self.fork.time),
-            "drive": not self.drive.is_ideal,
-            "wheels.steering_limit_deg": self.is_steered,
-        }
-        for place in (place for place, used in lacking.items() if used):
-            if self.wheel_model == "mujoco":
-                raise ConfigurationError(place, "is not part of wheel_model 'mujoco'")
+        if self.wheel_model == "mujoco":
+            lacking = {
+                "contact": self.contact != "ideal",
+                "suspension.stiffness": self.suspension.stiffness > 0.0,
+                "passive_losses": self.passive_losses.active,
+                "brake.kind": self.brake.is_ramped,
+                "fork": bool(self.fork.time),
+                "drive": not self.drive.is_ideal,
+                "wheels.steering_limit_deg": self.is_steered,
+            }
+            _refuse(lacking, "is not part of wheel_model 'mujoco'; use 'single', or leave it out")
         self._check_heights()
         if self.body.mass + self.load.mass <= 0.0:
             raise ConfigurationError("body.mass", "body and load together must have a mass")
@@ -290,30 +289,31 @@ class VehicleConfiguration(Configuration):
         """Check that no option belongs to the rollers of all wheels if some have no rollers."""
         if not self.has_conventional_wheels:
             return
-        for place, used in (
-            ("wheel_model", self.wheel_model == "rollers"),
-            ("contact", self.contact != "ideal"),
-            ("passive_losses", self.passive_losses.active),
-        ):
-            if used:
-                raise ConfigurationError(
-                    place, "belongs to wheels with rollers, but some wheels have kind: conventional"
-                )
+        rollers = {
+            "wheel_model": self.wheel_model == "rollers",
+            "contact": self.contact != "ideal",
+            "passive_losses": self.passive_losses.active,
+        }
+        _refuse(rollers, "belongs to wheels with rollers, but some wheels have kind: conventional")
 
     def _check_heights(self) -> None:
         """Check that the model of the vehicle supports its mounting heights and roller gaps.
 
         Both require a suspension. Gaps also require moving contact points.
         """
-        for place, has in (
-            ("conditions", self.by_wheel("mounted").any()),
-            ("rollers.gap", self.rollers.gap),
-        ):
-            if has and self.suspension.stiffness == 0.0:
-                raise ConfigurationError(
-                    place, "mounting heights require springs: set suspension.stiffness [N/m]"
-                )
+        if self.suspension.stiffness == 0.0:
+            uneven = {
+                "conditions": bool(self.by_wheel("mounted").any()),
+                "rollers.gap": self.rollers.gap > 0.0,
+            }
+            _refuse(uneven, "mounting heights require springs: set suspension.stiffness [N/m]")
         if self.rollers.gap > 0.0 and not self.contacts_move:
             raise ConfigurationError(
                 "rollers.gap", "requires wheel_model 'rollers' or contact 'roller'"
             )
+
+
+def _refuse(used: Mapping[str, bool], problem: str) -> None:
+    """Raise `ConfigurationError` with a problem for the first parameter that is used."""
+    for place in (place for place, has in used.items() if has):
+        raise ConfigurationError(place, problem)

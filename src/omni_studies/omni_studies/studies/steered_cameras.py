@@ -13,7 +13,7 @@ curve, all wheels lock and the axle slides sideways, so the constraint is wrong.
 import dataclasses
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -33,18 +33,18 @@ from omni_studies.study import StudyResult, StudyRun
 _REAR, _FRONT, _SIDE = -0.65, 0.65, 0.5  # positions of the wheels [m]
 _WHEELS = ("rear_left", "front_left", "front_right", "rear_right")
 _WHEEL = "rear_left"
+_LEFT: dict[str, Any] = {"carrier": "rear_left", "carrier_x": _REAR, "carrier_y": _SIDE}
+_RIGHT: dict[str, Any] = {"carrier": "rear_right", "carrier_x": _REAR, "carrier_y": -_SIDE}
 _CAMERAS = {
     "fixed_left": LineSensor(x=_REAR, y=0.35, heading_deg=0.0),
     "fixed_right": LineSensor(x=_REAR, y=-0.35, heading_deg=0.0),
     "axle_left": LineSensor(x=_FRONT, y=0.35, heading_deg=0.0),
     "axle_right": LineSensor(x=_FRONT, y=-0.35, heading_deg=0.0),
+    "carried_left": LineSensor(x=_REAR, y=0.35, heading_deg=0.0, **_LEFT),
+    "carried_right": LineSensor(x=_REAR, y=-0.35, heading_deg=0.0, **_RIGHT),
+    "sideways": LineSensor(x=_REAR, y=0.35, heading_deg=90.0, **_LEFT),
 }
-_ON_CARRIERS = {
-    "carried_left": ("rear_left", 0.35, 0.0),
-    "carried_right": ("rear_right", -0.35, 0.0),
-    "sideways": (_WHEEL, 0.35, 90.0),
-}
-"""Wheel, position to the left [m] and heading [deg] of the cameras on carriers."""
+_AXLE = KinematicsConfiguration(constraint=UNSTEERED_AXLE, axle_x=_FRONT)
 _ARRANGEMENTS = {
     "ackermann": ("fixed_left", "fixed_right"),
     "carriers": ("carried_left", "carried_right"),
@@ -125,27 +125,15 @@ def _differential(steered: ExperimentConfiguration) -> ExperimentConfiguration:
     return dataclasses.replace(steered, vehicle=vehicle, brake_assist=assistant)
 
 
-def _cameras(wheels: Mapping[str, WheelMount]) -> dict[str, LineSensor]:
-    """Return the cameras of a vehicle; only steered wheels have carriers."""
-    carried = {
-        name: LineSensor(
-            x=wheels[wheel].x,
-            y=y,
-            heading_deg=heading,
-            carrier=wheel,
-            carrier_x=wheels[wheel].x,
-            carrier_y=wheels[wheel].y,
-        )
-        for name, (wheel, y, heading) in _ON_CARRIERS.items()
-        if wheels[wheel].is_steered
-    }
-    return {**_CAMERAS, **carried}
-
-
 def _with_cameras(configuration: ExperimentConfiguration) -> ExperimentConfiguration:
-    sensors = _cameras(configuration.vehicle.wheels)
-    axle = KinematicsConfiguration(constraint=UNSTEERED_AXLE, axle_x=_FRONT)
-    odometry = dataclasses.replace(configuration.odometry, sensors=sensors, kinematics=axle)
+    """Return the experiment with all cameras for whose carriers the vehicle has steered wheels."""
+    wheels = configuration.vehicle.wheels
+    sensors = {
+        name: one
+        for name, one in _CAMERAS.items()
+        if not one.carrier or wheels[one.carrier].is_steered
+    }
+    odometry = dataclasses.replace(configuration.odometry, sensors=sensors, kinematics=_AXLE)
     return dataclasses.replace(configuration, sensors=sensors, odometry=odometry)
 
 
@@ -161,8 +149,7 @@ def _drive(configuration: ExperimentConfiguration) -> Iterator[Batch]:
         rate = (angles[1] - angles[0]) / configuration.simulation.control_period
         twist = 0.5 * (before.twist + after.twist)
         # The lines are rendered before the next step.
-        lines = {name: after.line_batches[name] for name in after.line_batches}
-        seen = dataclasses.replace(after, line_batches=lines)
+        seen = dataclasses.replace(after, line_batches=dict(after.line_batches))
         yield Batch(seen, twist, 0.5 * (angles[0] + angles[1]), rate)
         before = after
 
@@ -177,8 +164,7 @@ def _twist_errors(
         sensors: cameras of the arrangement.
         batches: batches of a drive.
     """
-    axle = KinematicsConfiguration(constraint=UNSTEERED_AXLE, axle_x=_FRONT)
-    port = OdometryPort("", OdometryConfiguration(sensors=sensors, kinematics=axle))
+    port = OdometryPort("", OdometryConfiguration(sensors=sensors, kinematics=_AXLE))
     errors, slid, skids = [], [], 0
     for batch in batches:
         angles = dict(zip(_WHEELS, batch.observation.steering_angle.tolist(), strict=True))

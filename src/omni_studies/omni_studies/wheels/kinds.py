@@ -11,12 +11,12 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Polygon
 
 from omni_core.geometry import WheelMount
-from omni_core.quantities import GRAVITY, FloatArray
+from omni_core.quantities import FloatArray
 from omni_runs.figures import style
 from omni_runs.figures.scene import Scene, ahead_up, placed
 from omni_runs.metrics import Metric
 from omni_sim.vehicle.configuration import VehicleConfiguration
-from omni_sim.vehicle.vehicle import Vehicle
+from omni_studies.wheels.trials import WheelTrial, advance, start
 
 KINDS = {
     "conventional": "conventional wheels",
@@ -32,6 +32,10 @@ PUSH_TIME = 3.0
 SPEED = 10.0
 """Speed before the emergency stop [m/s]"""
 
+# With the pedal down, the clutch is open.
+_PUSH = (PUSH * math.cos(PUSH_ANGLE), PUSH * math.sin(PUSH_ANGLE))
+_PUSHED = WheelTrial("push", pedal=1.0, released=True, push=_PUSH, duration=PUSH_TIME)
+_STOPPED = WheelTrial("stop", twist=(SPEED, 0.0, 0.0), pedal=1.0, duration=4.0)
 _COLORS = {"conventional": style.BLUE, "mecanum": style.VERMILLION, "omni": style.ORANGE}
 
 
@@ -69,31 +73,26 @@ def on_wheels(vehicle: VehicleConfiguration, kind: str) -> VehicleConfiguration:
 
 def pushed(vehicle: VehicleConfiguration) -> Trial:
     """Push a vehicle whose wheels turn freely, with its load in the middle, from rest."""
-    vehicle = dataclasses.replace(vehicle, load=dataclasses.replace(vehicle.load, x=0.0, y=0.0))
-    machine = Vehicle(vehicle)
-    weight = machine.masses.mass * GRAVITY
-    machine.push(PUSH * weight * np.array([math.cos(PUSH_ANGLE), math.sin(PUSH_ANGLE)]))
-    return Trial(vehicle, _advanced(machine, PUSH_TIME, machine.configuration, braking=False))
+    return _run(with_load_in_the_middle(vehicle), _PUSHED)
 
 
-def stopped(vehicle: VehicleConfiguration, longest: float = 4.0, wheel_angle: float = 0.0) -> Trial:
+def stopped(vehicle: VehicleConfiguration, wheel_angle: float = 0.0) -> Trial:
     """Brake a vehicle fully from `SPEED` straight ahead.
 
     Args:
         vehicle: the vehicle.
-        longest: duration within which all stops end [s].
         wheel_angle: initial angle of all wheels [rad].
     """
-    machine = Vehicle(vehicle, twist=(SPEED, 0.0, 0.0), wheel_angle=wheel_angle)
-    return Trial(vehicle, _advanced(machine, longest, vehicle, braking=True))
+    return _run(vehicle, _STOPPED, wheel_angle)
 
 
-def _advanced(
-    machine: Vehicle, duration: float, vehicle: VehicleConfiguration, *, braking: bool
-) -> FloatArray:
-    pedal = 1.0 if braking else vehicle.drive.clutch_threshold  # the clutch is open in both cases
-    shares = np.full(len(vehicle.wheels), 1.0 if braking else 0.0)
-    return machine.advance(round(duration / machine.physics_step), pedal, shares, np.zeros(3))
+def _run(vehicle: VehicleConfiguration, trial: WheelTrial, wheel_angle: float = 0.0) -> Trial:
+    return Trial(vehicle, advance(start(vehicle, trial, wheel_angle), trial, trial.duration))
+
+
+def with_load_in_the_middle(vehicle: VehicleConfiguration) -> VehicleConfiguration:
+    """Return a vehicle whose load is above base_link."""
+    return dataclasses.replace(vehicle, load=dataclasses.replace(vehicle.load, x=0.0, y=0.0))
 
 
 def metrics(pushes: Mapping[str, Trial], stops: Mapping[str, Trial]) -> dict[str, Metric]:
@@ -111,10 +110,17 @@ def metrics(pushes: Mapping[str, Trial], stops: Mapping[str, Trial]) -> dict[str
         found[f"push_speed.{kind}"] = Metric(float(np.hypot(*velocity)), "m/s")
     found["push_angle.all"] = Metric(math.degrees(PUSH_ANGLE), "deg")
     for kind, trial in stops.items():
-        moved = trial.path[-1] - trial.path[0]
-        found[f"rotation.{kind}"] = Metric(abs(math.degrees(moved[2])), "deg")
-        found[f"distance.{kind}"] = Metric(float(np.hypot(*moved[:2])), "m")
+        found |= stop_metrics("", kind, trial)
     return found
+
+
+def stop_metrics(prefix: str, case: str, trial: Trial) -> dict[str, Metric]:
+    """Return rotation and distance of a stop, as quantities whose names begin with a prefix."""
+    moved = trial.path[-1] - trial.path[0]
+    return {
+        f"{prefix}rotation.{case}": Metric(abs(math.degrees(moved[2])), "deg"),
+        f"{prefix}distance.{case}": Metric(float(np.hypot(*moved[:2])), "m"),
+    }
 
 
 def draw(pushes: Mapping[str, Trial], stops: Mapping[str, Trial], apart: float = 3.4) -> Figure:
@@ -132,7 +138,7 @@ def draw(pushes: Mapping[str, Trial], stops: Mapping[str, Trial], apart: float =
         f"wheels free, pushed for {PUSH_TIME:g} s at {math.degrees(PUSH_ANGLE):.0f} deg (arrow)"
     )
     stop.set_title(f"all brakes on at {SPEED:g} m/s, load at the front left")
-    arrow = 1.5 * np.array([[math.cos(PUSH_ANGLE), math.sin(PUSH_ANGLE)]])
+    arrow = 1.5 / PUSH * np.array([_PUSH])
     for axes, trials in ((push, pushes), (stop, stops)):
         for index, (kind, trial) in enumerate(trials.items()):
             start = np.array([index * apart, 0.0])

@@ -11,13 +11,12 @@ from omni_runs.metrics import Metric
 from omni_sim.vehicle.configuration import VehicleConfiguration
 from omni_sim.vehicle.placing import rolling_radius
 from omni_sim.vehicle.vehicle import Vehicle
-from omni_studies.wheels.kinds import stopped
-from omni_studies.wheels.trials import ROLLERS, with_wheels
+from omni_studies.wheels.kinds import stop_metrics, stopped, with_load_in_the_middle
+from omni_studies.wheels.trials import ROLLERS, WheelTrial, advance, pulled, start, with_wheels
 
 _APART = 0.04  # distance between the rows [m]
 _SMALL = 0.04  # radius of the small rollers [m]; that of the others is 0.045 m
 _ROLLERS = 12  # number of rollers per wheel
-_RESISTANCE = 0.1  # resistance to the rolling vehicle, as a multiple of its weight [1]
 # A motor that accelerates the vehicle at 1 m/s^2 from rest, and idles at 3 m/s.
 _STALL, _IDLING = 65.0, 15.0  # [N m], [rad/s]
 _LONG = 20.0  # six time constants of the acceleration to the idling speed [s]
@@ -51,15 +50,9 @@ def _with_rollers(
 
 def row_levers(vehicle: VehicleConfiguration) -> FloatArray:
     """Return the lever of a rolling wheel's force about its center in each step of a turn [m]."""
-    geometry, command = PlatformGeometry.from_wheels(vehicle.wheels), np.array([1.0, 0.0, 0.0])
-    machine, all_on = Vehicle(vehicle, twist=command), np.ones(len(vehicle.wheels))
-    machine.push((-_RESISTANCE * machine.masses.mass * GRAVITY, 0.0))
-    machine.advance(2000, 0.0, all_on, command, traced=False)
-    arm, levers = geometry.position[0] - machine.masses.center, []
-    start = machine.wheels["angle"][0]
-    while abs(machine.wheels["angle"][0] - start) < math.tau:
-        machine.advance(1, 0.0, all_on, command, traced=False)
-        rollers = machine.state.rollers
+    geometry, levers = PlatformGeometry.from_wheels(vehicle.wheels), []
+    for machine in pulled(vehicle, 0, math.tau):
+        rollers, arm = machine.state.rollers, geometry.position[0] - machine.masses.center
         x, y, moment = rollers.push[0, :3] if rollers is not None else (math.nan,) * 3
         force = np.array([x, y])
         levers.append((moment - cross(arm, force)) / (geometry.rolling[0] @ force))
@@ -75,10 +68,8 @@ def _stops(vehicle: VehicleConfiguration) -> dict[str, Metric]:
         ("two_sizes", 0.0, _SMALL),
     ):
         # The wheels begin on their odd rollers, and lock after a fraction of a turn.
-        path = stopped(_with_rollers(vehicle, apart, small), wheel_angle=math.tau / _ROLLERS).path
-        moved = path[-1] - path[0]
-        found[f"rows_rotation.{case}"] = Metric(abs(math.degrees(moved[2])), "deg")
-        found[f"rows_distance.{case}"] = Metric(float(np.hypot(*moved[:2])), "m")
+        trial = stopped(_with_rollers(vehicle, apart, small), math.tau / _ROLLERS)
+        found |= stop_metrics("rows_", case, trial)
     return found
 
 
@@ -89,17 +80,14 @@ def _coasting(vehicle: VehicleConfiguration) -> dict[str, Metric]:
     along it, so ``dv/dt = -k v^2`` with ``k = 2 sqrt(2) f_2 m g / (m + N I / r^2)``.
     """
     losses = dataclasses.replace(vehicle.passive_losses, speed_growth=_GROWTH)
-    middle = dataclasses.replace(vehicle.load, x=0.0, y=0.0)
-    machine = Vehicle(
-        dataclasses.replace(vehicle, load=middle, passive_losses=losses),
-        twist=(0.0, _SIDEWAYS, 0.0),
-    )
+    trial = WheelTrial("coast", twist=(0.0, _SIDEWAYS, 0.0), pedal=1.0, released=True)
+    middle = with_load_in_the_middle(vehicle)
+    machine = start(dataclasses.replace(middle, passive_losses=losses), trial)
     mass, radius = machine.masses.mass, float(np.mean(rolling_radius(machine.state)))
     inertia = mass + len(vehicle.wheels) * vehicle.wheel_inertia / radius**2
     rate = math.sqrt(8.0) * _GROWTH * mass * GRAVITY / inertia
     expected = _SIDEWAYS / (1.0 + rate * _SIDEWAYS * _COASTING)
-    free = np.zeros(len(vehicle.wheels))
-    machine.advance(round(_COASTING / machine.physics_step), 1.0, free, np.zeros(3))
+    advance(machine, trial, _COASTING)
     return {
         "coasting_speed.simulated": Metric(float(machine.twist[1]), "m/s"),
         "coasting_speed.closed_form": Metric(expected, "m/s"),
@@ -134,9 +122,10 @@ def _motor(vehicle: VehicleConfiguration) -> dict[str, Metric]:
 
 def _driven(vehicle: VehicleConfiguration, duration: float) -> tuple[FloatArray, FloatArray]:
     """Return the mean speed [rad/s] and torque [N m] of the wheels when driven ahead from rest."""
-    machine, rows = Vehicle(vehicle), []
+    trial = WheelTrial("drive", command=(10.0, 0.0, 0.0))
+    machine, rows = start(vehicle, trial), []
     for _ in range(round(duration / machine.physics_step)):
-        machine.advance(1, 0.0, np.ones(len(vehicle.wheels)), np.array([10.0, 0.0, 0.0]))
+        advance(machine, trial, machine.physics_step)
         rows.append((np.mean(machine.wheels["speed"]), np.mean(machine.wheels["motor"])))
     speed, torque = np.array(rows).T
     return speed, torque

@@ -6,6 +6,7 @@ several random initial angles, and the means of forces and motions are compared.
 
 import dataclasses
 import math
+from collections.abc import Iterator
 
 import numpy as np
 
@@ -241,16 +242,21 @@ def force_trace(
         Angle of the wheel [rad], shape (T,), and its force on the vehicle in the body frame [N],
         shape (T, 2).
     """
+    angle, force = [], []
+    for vehicle in pulled(configuration, wheel, turns):
+        angle.append(vehicle.wheels["angle"][wheel])
+        force.append(vehicle.wheel_force_body[wheel])
+    return np.array(angle), np.array(force)
+
+
+def pulled(configuration: VehicleConfiguration, wheel: int, turns: float) -> Iterator[Vehicle]:
+    """Yield the vehicle after each step of the motion of `force_trace`; same arguments."""
     trial = WheelTrial(
         "pull", twist=(1.0, 0.0, 0.0), command=(1.0, 0.0, 0.0), push=(-0.2, 0.0), duration=2.0
     )
     vehicle = start(configuration, trial)
     advance(vehicle, trial, trial.duration)
-    step = vehicle.physics_step
     first = vehicle.wheels["angle"][wheel]
-    angle, force = [], []
     while abs(vehicle.wheels["angle"][wheel] - first) < turns:
-        advance(vehicle, trial, step)
-        angle.append(vehicle.wheels["angle"][wheel])
-        force.append(vehicle.wheel_force_body[wheel])
-    return np.array(angle), np.array(force)
+        advance(vehicle, trial, vehicle.physics_step)
+        yield vehicle

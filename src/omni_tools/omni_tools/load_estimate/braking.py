@@ -126,7 +126,7 @@ def _weakened(information: FloatArray, systematic: FloatArray) -> FloatArray:
 
 
 def _static_radii(vehicle: VehicleConfiguration, moments: FloatArray) -> FloatArray:
-    loads = loads_per_moment(vehicle) @ moments
+    loads = load_matrix(vehicle) @ moments
     nominal = PlatformGeometry.from_wheels(vehicle.wheels).radius
     return np.asarray(nominal - loads / vehicle.tire.vertical_stiffness)
 
@@ -219,12 +219,19 @@ def first_moments(mass: MassConfiguration) -> FloatArray:
     return mass.mass * np.array([1.0, mass.x, mass.y])
 
 
-def loads_per_moment(vehicle: VehicleConfiguration) -> FloatArray:
-    """Return the matrix from ``(m, m x_g, m y_g)`` to the wheel loads, shape (N, 3)."""
-    plane = plane_columns(PlatformGeometry.from_wheels(vehicle.wheels).position)
-    return np.asarray(GRAVITY * plane @ np.linalg.inv(plane.T @ plane))
+def load_matrix(vehicle: VehicleConfiguration, points: FloatArray | None = None) -> FloatArray:
+    """Return the matrix from ``(m, m x_g, m y_g)`` to the plane of the wheel loads at points.
 
+    Args:
+        vehicle: the vehicle.
+        points: points in the body frame [m], shape (M, 2); the positions of the wheels if None.
 
-def plane_columns(points: FloatArray) -> FloatArray:
-    """Return the matrix from the coefficients of a plane to its values at points, shape (N, 3)."""
-    return np.column_stack((np.ones(len(points)), points))
+    Returns:
+        Matrix, shape (M, 3).
+    """
+    position = PlatformGeometry.from_wheels(vehicle.wheels).position
+    wheels, places = (
+        np.column_stack((np.ones(len(one)), one))
+        for one in (position, position if points is None else points)
+    )
+    return np.asarray(GRAVITY * places @ np.linalg.inv(wheels.T @ wheels))

@@ -8,6 +8,7 @@ the vehicle's file with this load, and warns if the vehicle would swerve in an u
 
 from __future__ import annotations
 
+import dataclasses
 import os
 from contextlib import closing
 from pathlib import Path
@@ -70,6 +71,7 @@ class Options(CommandOptions):
 def run(options: Options, workspace: ExperimentWorkspace) -> Report:
     """Estimate the load, write it as a vehicle file and warn of a swerve."""
     from omni_tools.load_estimate.estimate import center_of, load_of
+    from omni_tools.load_estimate.swerve import with_load
 
     if options.empty and options.empty.resolve() in [one.resolve() for one in options.recordings]:
         raise ConfigurationError(
@@ -77,23 +79,22 @@ def run(options: Options, workspace: ExperimentWorkspace) -> Report:
         )
     vehicle = workspace.experiment_library().vehicle(options.vehicle)
     found = _estimate(options, workspace, vehicle)
-    mass, error = center_of(found.moments, found.covariance)
-    load, load_error = load_of(found, vehicle)
-    metrics = _entries(vehicle, (mass, error), (load, load_error), found)
-    carried = _known(load, load_error)
-    path = options.out or _default_file(options, workspace)
-    values = workspace.experiment_library().vehicle_values(options.vehicle)
-    warning, rotation = warn(options, vehicle, carried)
+    whole, load = center_of(found.moments, found.covariance), load_of(found, vehicle)
+    metrics = _entries(vehicle, whole, load, found)
+    carried = with_load(vehicle, _known(*load))
+    default = f"{options.recordings[0].resolve().name}.yaml"
+    path = options.out or workspace.results(None, "estimate-load") / default
+    warning, rotation = warn(options, carried)
     metrics["rotation.unassisted"] = {"value": rotation, "unit": "deg"}
     return Report(
         metrics=metrics,
-        text=_text(metrics, found, warning, empty=not carried.any()),
-        files=(_write(path, options, values, vehicle, carried),),
+        text=_text(metrics, found, warning, empty=carried.load.mass == 0.0),
+        files=(_write(path, options, workspace, carried),),
         hints=()
         if vehicle.has_conventional_wheels
         else (
             f"use this file as --vehicle of nav2-polygons and check-vehicle, and with the law "
-            f"allocation set brake_assist.nominal_mass to {mass[0]:.0f}",
+            f"allocation set brake_assist.nominal_mass to {whole[0][0]:.0f}",
         ),
     )
 
@@ -103,11 +104,10 @@ def _known(load: Any, error: Any) -> Any:
     return load if load[0] > 2.0 * error[0] else 0.0 * load
 
 
-def warn(options: Options, vehicle: VehicleConfiguration, load: Any) -> tuple[str, float]:
+def warn(options: Options, loaded: VehicleConfiguration) -> tuple[str, float]:
     """Return a warning, empty if there is no reason, and the largest rotation in a stop [deg]."""
-    from omni_tools.load_estimate.swerve import highest_speed, largest_rotation, with_load
+    from omni_tools.load_estimate.swerve import highest_speed, largest_rotation
 
-    loaded = with_load(vehicle, load)
     rotation, direction = largest_rotation(loaded, options.speed)
     if abs(rotation) <= options.max_rotation:
         return "", rotation
@@ -147,12 +147,12 @@ def _receive(
     from omni_ros.environment import chosen_domain
     from omni_tools.load_estimate.estimate import load_of
     from omni_tools.load_estimate.live_node import receive
+    from omni_tools.load_estimate.swerve import with_load
     from omni_tools.node_check.exchange_node import Partner
 
     def state(found: LoadEstimate) -> tuple[str, dict[str, str]]:
-        load, error = load_of(found, vehicle)
-        load = _known(load, error)
-        warning, rotation = warn(options, vehicle, load)
+        load = _known(*load_of(found, vehicle))
+        warning, rotation = warn(options, with_load(vehicle, load))
         words = ("mass [kg]", "forward [m]", "to the left [m]")
         values = {f"load, {word}": f"{value:.3g}" for word, value in zip(words, load, strict=True)}
         return warning, values | {"rotation without assistance [deg]": f"{rotation:.1f}"}
@@ -209,22 +209,15 @@ def _text(metrics: dict[str, Any], found: LoadEstimate, warning: str, *, empty: 
     return [*lines, *([warning] if warning else [])]
 
 
-def _default_file(options: Options, workspace: ExperimentWorkspace) -> Path:
-    name = f"{options.recordings[0].resolve().name}.yaml"
-    return workspace.results(None, "estimate-load") / name
-
-
 def _write(
-    path: Path, options: Options, values: dict[str, Any], vehicle: VehicleConfiguration, load: Any
+    path: Path, options: Options, workspace: ExperimentWorkspace, carried: VehicleConfiguration
 ) -> Path:
     """Write a copy of the vehicle's file with the estimated load."""
     import yaml
 
-    from omni_tools.load_estimate.swerve import with_load
-
-    carried = with_load(vehicle, load).load
-    names = ("mass", "x", "y", "height", "yaw_inertia")
-    values["load"] = {name: round(float(getattr(carried, name)), 4) for name in names}
+    values = workspace.experiment_library().vehicle_values(options.vehicle)
+    load = dataclasses.asdict(carried.load)
+    values["load"] = {name: round(float(value), 4) for name, value in load.items()}
     head = (
         f"# {options.vehicle} with the load from ./omni estimate-load;\n"
         "# its height and yaw inertia are not observable and are not estimated.\n"

@@ -155,7 +155,7 @@ def estimate_load(
     covariance: FloatArray = np.linalg.inv(information).astype(np.float64)
     moments = covariance @ sum(part.information @ part.moments for part in parts)
     _require_accuracy(moments, covariance)
-    per_moment = braking.loads_per_moment(vehicle)
+    per_moment = braking.load_matrix(vehicle)
     errors = np.sqrt(np.diag(per_moment @ covariance @ per_moment.T))
     braked = stop.duration if stop is not None else 0.0
     loads = per_moment @ moments
@@ -239,19 +239,14 @@ def _compression(
     vehicle: VehicleConfiguration, found: _Radii, cameras: Cameras | None
 ) -> FloatArray:
     """Return the matrix from moments to ``c_z (R - r)`` with the measured radii r [N], (N, 3)."""
-    loads = braking.loads_per_moment(vehicle)
+    loads = braking.load_matrix(vehicle)
     if cameras is None:
         return loads
     kinematics = PlatformKinematics.of(vehicle.wheels)
-    plane = np.linalg.pinv(braking.plane_columns(kinematics.geometry.position)) @ loads
     points = np.array([(one.x, one.y) for one in cameras.sensors.values()])
     measured = sensor_matrix(cameras.sensors)
     # Each camera measures too large a speed, in proportion to the compression below it.
     rims = kinematics.matrix @ np.linalg.pinv(measured) @ np.diag(measured @ found.twist)
-    share = (
-        rims
-        / (kinematics.matrix @ found.twist)[:, np.newaxis]
-        @ braking.plane_columns(points)
-        @ plane
-    )
+    share = rims / (kinematics.matrix @ found.twist)[:, np.newaxis]
+    share = share @ braking.load_matrix(vehicle, points)
     return np.asarray(loads - found.radius[:, np.newaxis] / cameras.height * share)

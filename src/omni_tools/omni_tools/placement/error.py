@@ -326,8 +326,7 @@ def evaluate(
             without[index] = math.inf
     errors = criterion.mean_error(poses), np.sqrt(mix.share @ variance), by_motion, without
     number = float(condition.value(condition.information(poses).sum(axis=0)))
-    carriers = {camera: one.carrier for camera, one in sensors.items()}
-    problems = singularity(sensors), area.problem(tuple(sensors), poses, carriers)
+    problems = singularity(sensors), area.problem(sensors, poses)
     return EvaluatedPlacement(name, sensors, *errors, number, spread, lever, *problems)
 
 

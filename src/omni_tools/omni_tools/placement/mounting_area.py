@@ -95,21 +95,18 @@ class MountingArea:
         """
         return ~_overlap(poses, self._grown(), other, self.half)
 
-    def problem(
-        self, names: tuple[str, ...], poses: FloatArray, carriers: Mapping[str, str] | None = None
-    ) -> str:
+    def problem(self, sensors: Mapping[str, LineSensor], poses: FloatArray) -> str:
         """Return the reason why cameras cannot be mounted at the given poses; empty if they can.
 
         Args:
-            names: names of the cameras.
+            sensors: cameras, keyed by name; a camera may be next to the wheel that is its carrier.
             poses: x, y [m] and heading [rad], shape (N, 3).
-            carriers: steered wheels with which cameras turn, keyed by camera; a camera may be next
-                to its own wheel.
         """
+        names = tuple(sensors)
         for name, pose in zip(names, poses, strict=True):
             if not bool(self.on_chassis(pose)):
                 return f"{name} extends beyond the edge"
-            own = (carriers or {}).get(name)
+            own = sensors[name].carrier
             wheels = {key: mount for key, mount in self.scene.wheels.items() if key != own}
             others = dataclasses.replace(self, scene=dataclasses.replace(self.scene, wheels=wheels))
             wheel = int(others.wheel_in_the_way(pose))

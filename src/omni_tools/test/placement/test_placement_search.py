@@ -72,7 +72,7 @@ def test_on_a_free_disc_equal_sensors_reach_the_bound(count: int) -> None:
 def test_the_best_placement_beats_known_ones_and_can_be_mounted(vehicle: str) -> None:
     area, criterion = chassis(vehicle)
     found = search(criterion, area, 3, effort=FAST)
-    assert area.problem(("a", "b", "c"), found.poses) == ""
+    assert area.problem(named(found.poses, VIEW), found.poses) == ""
     best = evaluate("best", named(found.poses, VIEW), criterion, area)
     assert best.singular == ""
     assert best.mean_error == pytest.approx(found.value, rel=1e-9)
@@ -126,7 +126,7 @@ def test_singular_and_unmountable_placements_are_named() -> None:
     default = evaluate("default", LIBRARY.sensors("three_generic"), criterion, area)
     assert default.mounting == "left extends beyond the edge"
     at_wheel = named(np.array([(0.7, 0.36, 0.0), (0.0, 0.3, 0.0), (-0.5, 0.0, 1.57)]), VIEW)
-    problem = area.problem(tuple(at_wheel), poses_of(at_wheel))
+    problem = area.problem(at_wheel, poses_of(at_wheel))
     assert problem == "front_left is too close to wheel front_left"
 
 
