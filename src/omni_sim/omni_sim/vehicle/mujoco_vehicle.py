@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from omni_core.configuration import ConfigurationError
-from omni_core.geometry import WheelMount
+from omni_core.geometry import PlatformGeometry
 from omni_core.kinematics import PlatformKinematics
 from omni_core.quantities import GRAVITY, FloatArray
 from omni_sim.ground.configuration import ElevationConfiguration
@@ -105,7 +105,9 @@ class MujocoVehicle(Vehicle):
         self._angles = np.array([int(joint.qposadr[0]) for joint in joints])
         springs = [self._model.joint(f"spring_{i}") for i in range(n)]
         self._springs = np.array([int(joint.qposadr[0]) for joint in springs])
-        touching = [_touching(configuration, mount) for mount in configuration.wheels.values()]
+        # Number of geometries of each wheel that can touch the ground.
+        conventional = PlatformGeometry.from_wheels(configuration.wheels).conventional
+        touching = np.where(conventional, 1, configuration.rollers.count)
         ends = 1 + np.cumsum([0, *touching])  # the ground plane is the first geometry
         self._geometries = [np.arange(*pair) for pair in itertools.pairwise(ends)]
         self._wheel_of = np.repeat(np.arange(-1, n), [1, *touching])
@@ -295,11 +297,6 @@ def _model(
             yield from _rollers(rollers, i, mount.radius, tilt, axis, lowest)
         yield "</body>"
     yield f"</body></worldbody><actuator>{_drives(n, vehicle.drive.max_torque)}</actuator></mujoco>"
-
-
-def _touching(vehicle: VehicleConfiguration, mount: WheelMount) -> int:
-    """Return the number of geometries of a wheel that can touch the ground."""
-    return 1 if mount.kind == "conventional" else vehicle.rollers.count
 
 
 def _roller_masses(rollers: RollerConfiguration) -> FloatArray:

@@ -62,20 +62,12 @@ _PRESETS = {
     "s3901": _Preset("s3901", "S3901", 120.0, 0.39),
 }
 
-
-class _Mode(NamedTuple):
-    """A mode of a sensor in Table 3: pixel clock [Hz], pixels and frame rate [1/s]."""
-
-    clock: float
-    pixels: int
-    frame_rate: float
-
-
 _MODES = {
-    "lis770i": _Mode(1e6, 335, 2985.0),
-    "lis770i_full": _Mode(1e6, 770, 1300.0),
-    "s3901": _Mode(2e6, 128, 15600.0),
+    "lis770i": (1e6, 335, 2985.0),
+    "lis770i_full": (1e6, 770, 1300.0),
+    "s3901": (2e6, 128, 15600.0),
 }
+"""Modes of the sensors in Table 3: pixel clock [Hz], pixels and frame rate [1/s]."""
 _IMAGE = (6006e-6, 312.5e-6)  # length and largest height of the image of the LIS-770i [m], Table 3
 _HEIGHTS = 5
 _SHARES = np.arange(0.2, 2.301, 0.05)  # tested speeds relative to the computed speed
@@ -146,8 +138,8 @@ def run(options: Options, study: StudyRun) -> StudyResult:
 def clock_metrics() -> dict[str, Metric]:
     """Return the line rates that follow from the pixel clocks, with those of Table 3."""
     return {
-        f"clocked_line_rate.{name}": Metric(mode.clock / mode.pixels, "1/s", mode.frame_rate)
-        for name, mode in _MODES.items()
+        f"clocked_line_rate.{name}": Metric(clock / pixels, "1/s", frame_rate)
+        for name, (clock, pixels, frame_rate) in _MODES.items()
     }
 
 

@@ -132,14 +132,12 @@ def equilibrium(vehicle: VehicleConfiguration) -> dict[str, Metric]:
     """
     machine = Vehicle(vehicle, twist=np.array([_SPEED, 0.0, 0.0]))
     heaviest = int(np.argmax(machine.wheels["load"]))
-    active = PlatformGeometry.from_wheels(vehicle.wheels).active[heaviest]
+    n_x, n_y = PlatformGeometry.from_wheels(vehicle.wheels).active[heaviest]
     all_on, steps = np.ones(len(vehicle.wheels)), round(_EQUILIBRIUM_TIME / machine.physics_step)
     path = machine.advance(steps, 1.0, all_on, np.zeros(3))
     found = {}
     for case, (_, _, yaw, v_x, v_y, _) in {"start": path[0], "later": path[-1]}.items():
-        away = math.remainder(
-            yaw + math.atan2(active[1], active[0]) - math.atan2(v_y, v_x), math.pi
-        )
+        away = math.remainder(yaw + math.atan2(n_y, n_x) - math.atan2(v_y, v_x), math.pi)
         found[f"equilibrium_angle.{case}"] = Metric(abs(math.degrees(away)), "deg")
     return found
 
@@ -151,20 +149,18 @@ def roller_angle_metrics(study: StudyRun, vehicle: str) -> dict[str, Metric]:
         study: the run of the study, which gives the experiment.
         vehicle: vehicle, whose first wheel has the angle.
     """
-    name, mount = next(iter(study.experiments.vehicle(vehicle).wheels.items()))
+    wheel, mount = next(iter(study.experiments.vehicle(vehicle).wheels.items()))
     metrics: dict[str, Metric] = {}
     for error in _ANGLE_ERRORS:
-        angle = f"wheels.{name}.roller_angle_deg={mount.roller_angle_deg + error}"
+        angle = f"wheels.{wheel}.roller_angle_deg={mount.roller_angle_deg + error}"
         known, own = f"brake_assist.{angle}", f"vehicle.{angle}"
         for case, variant, changes in (
             ("unassisted", "unassisted", (own, known)),
             ("unequal", "assisted", (own, known)),
             ("wrong", "assisted", (known,)),
         ):
-            sign = "minus" if error < 0.0 else "plus"
-            metrics[f"rotation.{case}_{sign}_{abs(error):.0f}"] = _rotation(
-                study, vehicle, variant, *changes
-            )
+            name = f"{case}_{'minus' if error < 0.0 else 'plus'}_{abs(error):.0f}"
+            metrics[f"rotation.{name}"] = _rotation(study, vehicle, variant, *changes)
     return metrics
 
 

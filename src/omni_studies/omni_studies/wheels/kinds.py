@@ -104,10 +104,9 @@ def metrics(pushes: Mapping[str, Trial], stops: Mapping[str, Trial]) -> dict[str
     """
     found: dict[str, Metric] = {}
     for kind, trial in pushes.items():
-        velocity = trial.path[-1, 3:5]
-        direction = math.degrees(math.atan2(velocity[1], velocity[0]))
-        found[f"push_direction.{kind}"] = Metric(direction, "deg")
-        found[f"push_speed.{kind}"] = Metric(float(np.hypot(*velocity)), "m/s")
+        v_x, v_y = trial.path[-1, 3:5]
+        found[f"push_direction.{kind}"] = Metric(math.degrees(math.atan2(v_y, v_x)), "deg")
+        found[f"push_speed.{kind}"] = Metric(math.hypot(v_x, v_y), "m/s")
     found["push_angle.all"] = Metric(math.degrees(PUSH_ANGLE), "deg")
     for kind, trial in stops.items():
         found |= stop_metrics("", kind, trial)

@@ -233,12 +233,7 @@ def path(
     return poses_at(np.arange(lines) / view.line_rate, start, twist)
 
 
-def match(
-    view: View,
-    poses: FloatArray,
-    lines: Lines,
-    metric: SearchChoice = "pearson",
-) -> Matches:
+def match(view: View, poses: FloatArray, lines: Lines, metric: SearchChoice = "pearson") -> Matches:
     """Return the true and the measured displacement of each line from the previous line.
 
     The search covers displacements of up to half the length of a line.

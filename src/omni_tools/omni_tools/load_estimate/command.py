@@ -86,16 +86,15 @@ def run(options: Options, workspace: ExperimentWorkspace) -> Report:
     path = options.out or workspace.results(None, "estimate-load") / default
     warning, rotation = warn(options, carried)
     metrics["rotation.unassisted"] = {"value": rotation, "unit": "deg"}
+    hint = (
+        "use this file as --vehicle of nav2-polygons and check-vehicle, and with the law "
+        f"allocation set brake_assist.nominal_mass to {whole[0][0]:.0f}"
+    )
     return Report(
         metrics=metrics,
         text=_text(metrics, found, warning, empty=carried.load.mass == 0.0),
         files=(_write(path, options, workspace, carried),),
-        hints=()
-        if vehicle.has_conventional_wheels
-        else (
-            f"use this file as --vehicle of nav2-polygons and check-vehicle, and with the law "
-            f"allocation set brake_assist.nominal_mass to {whole[0][0]:.0f}",
-        ),
+        hints=() if vehicle.has_conventional_wheels else (hint,),
     )
 
 

@@ -7,7 +7,6 @@ import numpy as np
 
 from omni_core.geometry import PlatformGeometry, turned
 from omni_core.quantities import CONTROL_PERIOD, FloatArray
-from omni_sim.masses import MassConfiguration
 from omni_sim.vehicle.configuration import VehicleConfiguration
 from omni_sim.vehicle.vehicle import Vehicle
 
@@ -24,9 +23,7 @@ def with_load(vehicle: VehicleConfiguration, load: FloatArray) -> VehicleConfigu
     """
     mass, x, y = (float(value) for value in load)
     height = vehicle.load.height or vehicle.body.height
-    carried = MassConfiguration(
-        mass=max(mass, 0.0), x=x, y=y, height=height, yaw_inertia=vehicle.load.yaw_inertia
-    )
+    carried = dataclasses.replace(vehicle.load, mass=max(mass, 0.0), x=x, y=y, height=height)
     return dataclasses.replace(vehicle, load=carried)
 
 

@@ -41,7 +41,7 @@ def steered_cameras(
         ConfigurationError: a carrier is not a steered wheel, or its position is not the wheel's.
     """
     check_carriers(sensors, vehicle.wheels)
-    carriers = {one.carrier for one in sensors.values() if one.carrier}
+    carriers = list(dict.fromkeys(one.carrier for one in sensors.values() if one.carrier))
     if not carriers:
         return {}
     x, y = vehicle.chassis_center
@@ -49,18 +49,14 @@ def steered_cameras(
     for row, (name, (v_x, v_y, turn)) in enumerate(zip(mix.names, mix.twist, strict=True)):
         at_base = np.array([v_x + turn * y, v_y - turn * x, turn])
         steering = Vehicle(vehicle, twist=at_base).steering[0].tolist()
-        angles = {
-            wheel: angle
-            for wheel, angle in zip(vehicle.wheels, steering, strict=True)
-            if wheel in carriers
-        }
-        if any(angles.values()):
+        angles = dict(zip(vehicle.wheels, steering, strict=True))
+        if any(angles[wheel] for wheel in carriers):
             turned = {
                 camera: turned_mount(one, angles.get(one.carrier, 0.0))
                 for camera, one in sensors.items()
             }
             alone = MotionMix((name,), mix.twist[[row]], np.ones(1))
-            degrees = {wheel: math.degrees(angle) for wheel, angle in angles.items()}
+            degrees = {wheel: math.degrees(angles[wheel]) for wheel in carriers}
             key = f"{name}_2" if name in found else name
             found[key] = SteeredCameras(turned, alone, degrees)
     return found
