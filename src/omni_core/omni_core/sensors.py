@@ -15,6 +15,7 @@ from typing import TypeVar
 import numpy as np
 
 from omni_core.configuration import Configuration, parameter
+from omni_core.geometry import turned
 from omni_core.quantities import LARGEST_OFFSET, FloatArray
 
 OVERLAP = 0.6
@@ -155,15 +156,10 @@ def rotation_matrix(angles_deg: Sequence[float]) -> FloatArray:
 
 def turned_mount(sensor: M, angle: float) -> M:
     """Return the mounting of a sensor whose carrier has turned by a steering angle [rad]."""
-    cos, sin = math.cos(angle), math.sin(angle)
-    x, y = sensor.x - sensor.carrier_x, sensor.y - sensor.carrier_y
-    heading = math.remainder(sensor.heading + angle, math.tau)
-    return dataclasses.replace(
-        sensor,
-        x=sensor.carrier_x + cos * x - sin * y,
-        y=sensor.carrier_y + sin * x + cos * y,
-        heading_deg=math.degrees(heading),
-    )
+    axis = np.array([sensor.carrier_x, sensor.carrier_y])
+    x, y = axis + turned(np.array([sensor.x, sensor.y]) - axis, angle)
+    heading = math.degrees(math.remainder(sensor.heading + angle, math.tau))
+    return dataclasses.replace(sensor, x=float(x), y=float(y), heading_deg=heading)
 
 
 def carried_velocity(sensor: Mount, rate: float) -> list[float]:

@@ -22,9 +22,9 @@ from linescan_odometry.port import OdometryPort
 from linescan_odometry.sideslip import SideslipConfiguration, SideslipMeter, sideslip_angle
 from linescan_odometry.twist.least_squares import UNSTEERED_AXLE, KinematicsConfiguration
 from omni_core.configuration import Configuration, parameter
-from omni_core.geometry import WheelMount
+from omni_core.geometry import WheelMount, turned
 from omni_core.quantities import FloatArray
-from omni_core.sensors import LineSensor, velocity_row
+from omni_core.sensors import LineSensor
 from omni_runs.experiment import ExperimentConfiguration
 from omni_runs.metrics import Metric
 from omni_sim.simulator import Observation, Simulator
@@ -51,21 +51,6 @@ _ARRANGEMENTS = {
     "three_on_carriers": ("carried_left", "carried_right", "sideways"),
     "differential": ("axle_left", "axle_right"),
 }
-_LANE_CHANGE = (
-    "maneuver.demands.time=[0, 0.3, 0.7, 1.1, 1.5, 1.9, 2.2]",
-    "maneuver.demands.forward=[6, 6, 6, 6, 6, 6, 6]",
-    "maneuver.demands.left=[0, 0, 0, 0, 0, 0, 0]",
-    "maneuver.demands.turn=[0, 0, 0.5, 0, -0.5, 0, 0]",
-    "maneuver.demands.pedal=[0, 0, 0, 0, 0, 0, 0]",
-)
-_SKID = (
-    "ground.friction=0.4",
-    "maneuver.demands.time=[0, 0.4, 1.0, 1.01, 1.8]",
-    "maneuver.demands.forward=[6, 6, 6, 0, 0]",
-    "maneuver.demands.left=[0, 0, 0, 0, 0]",
-    "maneuver.demands.turn=[0, 0, 0.4, 0, 0]",
-    "maneuver.demands.pedal=[0, 0, 0, 1, 1]",
-)
 
 
 class Options(Configuration):
@@ -96,9 +81,9 @@ class Batch(NamedTuple):
 def run(options: Options, study: StudyRun) -> StudyResult:
     """Drive both maneuvers on both vehicles; report the errors."""
     metrics: dict[str, Metric] = {}
-    for name, maneuver in {"lane_change": _LANE_CHANGE, "skid": _SKID}.items():
-        given = [f"ground={options.ground}", f"seed={options.seed}", *maneuver]
-        steered = study.experiments.load("steered_forklift", "unassisted", given)
+    given = [f"ground={options.ground}", f"seed={options.seed}"]
+    for name in ("lane_change", "skid"):
+        steered = study.experiments.load("steered_cameras", name, given)
         for arrangements, configuration in (
             (("ackermann", "carriers", "three_on_carriers"), _with_cameras(steered)),
             (("differential",), _with_cameras(_differential(steered))),
@@ -201,10 +186,8 @@ def _sideslip_errors(camera: LineSensor, batches: Sequence[Batch]) -> dict[str, 
     errors, truths = [], []
     for batch in batches:
         angle, rate = float(batch.angle[0]), float(batch.rate[0])
-        forward, left = (
-            float(np.array(velocity_row(_REAR, _SIDE, angle + turn)) @ batch.twist)
-            for turn in (0.0, 0.5 * math.pi)
-        )
+        velocity = batch.twist[:2] + batch.twist[2] * np.array([-_SIDE, _REAR])
+        forward, left = turned(velocity, -angle).tolist()
         lines = batch.observation.line_batches["sideways"]
         estimate = meter.update(lines, forward, float(batch.twist[2]) + rate)
         if estimate.measured:
