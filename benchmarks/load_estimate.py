@@ -6,7 +6,6 @@ or unknown radii (1 mm); a drive of the empty vehicle calibrates the latter. Len
 are not telecentric sink with the chassis.
 """
 
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -30,7 +29,7 @@ KNOWN = Uncertainty(1e-6, 1e-3, 1e-3)
 
 
 def driven(
-    load: Sequence[float], direction: float, start: float
+    load: FloatArray, direction: float, start: float
 ) -> tuple[VehicleConfiguration, DriveData]:
     """Return the forklift with a load [kg, m, m], and a drive as it is measured without errors.
 
@@ -75,7 +74,7 @@ def true_moments(vehicle: VehicleConfiguration) -> FloatArray:
     return first_moments(vehicle.body) + first_moments(vehicle.load)
 
 
-def errors(load: Sequence[float], generator: np.random.Generator) -> dict[str, FloatArray]:
+def errors(load: FloatArray, generator: np.random.Generator) -> dict[str, FloatArray]:
     """Return mass and center of gravity minus their true values in each case [kg, m, m]."""
     wear, unknown = (generator.normal(0.0, size, 4) for size in (WEAR, UNKNOWN))
     cameras = Cameras(output.load("straight_line", "unassisted").sensors, LENS)

@@ -62,8 +62,7 @@ def gains(name: str, experiments: Sequence[ExperimentConfiguration]) -> output.M
 
 def main() -> None:
     options = output.options(__doc__, stops=300, seed=0)
-    library = ExperimentLibrary(workspace_folder() / "config")
-    braking = RandomBraking(library)
+    braking = RandomBraking(ExperimentLibrary(workspace_folder() / "config"))
     seeds = range(options.seed, options.seed + options.stops)
     random = [braking.configurations(draw(seed))["unassisted"] for seed in seeds]
     ice = ("straight_line", "unassisted", f"ground.friction={ICE}")

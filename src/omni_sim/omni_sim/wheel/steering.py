@@ -23,15 +23,8 @@ from omni_core.quantities import FloatArray, Triple
 
 Structured = NDArray[np.void]
 
-STEERING = np.dtype(
-    [
-        (name, np.float64)
-        for name in (
-            *("angle", "rate", "target", "speed", "limit", "fastest", "heading", "x", "y"),
-            "radius",
-        )
-    ]
-)
+_FIELDS = ("angle", "rate", "target", "speed", "limit", "fastest", "heading", "x", "y", "radius")
+STEERING = np.dtype([(name, np.float64) for name in _FIELDS])
 """Steering of a wheel.
 
     angle     steering angle, counter-clockwise from the wheel's heading [rad]

@@ -169,23 +169,23 @@ def defocus_metrics() -> dict[str, Metric]:
     sine = np.sin(math.tau * np.arange(4096) * size / _PERIOD / 4096)
     columns = np.rint(128.0 + 100.0 * sine).astype(np.uint8)
     ground = GroundTexture(np.tile(columns, (4096, 1)), size)
-    metrics: dict[str, Metric] = {}
-    sharp = math.nan
+    contrast, closed = {}, {}
     for height in (0.0, *_HEIGHTS_OFF):
         optics = CameraConfiguration(
             noise=0.0, numerical_aperture=_APERTURE, height_error=height, bit_depth=16
         )
         sensor = LineSensor(x=0.0, y=0.0, heading_deg=0.0, length=0.8 * size)
         cameras = LineCameraArray({"": sensor}, ground, optics, np.random.SeedSequence(0))
-        contrast = float(np.ptp(cameras.cameras[""].grays(np.zeros((1, 3)))))
-        if height == 0.0:
-            sharp = contrast
-            continue
-        closed = math.exp(-2.0 * (math.pi * optics.defocus(0.0) / _PERIOD) ** 2)
-        case = f"{1e3 * height:.0f}_mm"
-        metrics[f"grating_contrast.{case}"] = Metric(contrast / sharp, "1")
-        metrics[f"grating_closed_form.{case}"] = Metric(closed, "1")
-    return metrics
+        contrast[height] = float(np.ptp(cameras.cameras[""].grays(np.zeros((1, 3)))))
+        closed[height] = math.exp(-2.0 * (math.pi * optics.defocus(0.0) / _PERIOD) ** 2)
+    return {
+        f"{quantity}.{1e3 * height:.0f}_mm": Metric(values[height] / values[0.0], "1")
+        for quantity, values in {
+            "grating_contrast": contrast,
+            "grating_closed_form": closed,
+        }.items()
+        for height in _HEIGHTS_OFF
+    }
 
 
 def _speeds(

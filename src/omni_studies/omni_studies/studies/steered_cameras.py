@@ -44,6 +44,8 @@ _CAMERAS = {
     "carried_right": LineSensor(x=_REAR, y=-0.35, heading_deg=0.0, **_RIGHT),
     "sideways": LineSensor(x=_REAR, y=0.35, heading_deg=90.0, **_LEFT),
 }
+_FRICTION = {"lane_change": 1.0, "skid": 0.4}
+"""Friction factor of the ground in each maneuver [1]."""
 _AXLE = KinematicsConfiguration(constraint=UNSTEERED_AXLE, axle_x=_FRONT)
 _ARRANGEMENTS = {
     "ackermann": ("fixed_left", "fixed_right"),
@@ -81,8 +83,8 @@ class Batch(NamedTuple):
 def run(options: Options, study: StudyRun) -> StudyResult:
     """Drive both maneuvers on both vehicles; report the errors."""
     metrics: dict[str, Metric] = {}
-    given = [f"ground={options.ground}", f"seed={options.seed}"]
-    for name in ("lane_change", "skid"):
+    for name, friction in _FRICTION.items():
+        given = f"ground={options.ground}", f"seed={options.seed}", f"ground.friction={friction}"
         steered = study.experiments.load("steered_cameras", name, given)
         for arrangements, configuration in (
             (("ackermann", "carriers", "three_on_carriers"), _with_cameras(steered)),

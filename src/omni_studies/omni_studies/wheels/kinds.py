@@ -19,10 +19,11 @@ from omni_sim.vehicle.configuration import VehicleConfiguration
 from omni_studies.wheels.trials import WheelTrial, advance, start
 
 KINDS = {
-    "conventional": "conventional wheels",
-    "mecanum": "Mecanum wheels",
-    "omni": "omni-wheels at 45 deg",
+    "conventional": ("conventional wheels", style.BLUE),
+    "mecanum": ("Mecanum wheels", style.VERMILLION),
+    "omni": ("omni-wheels at 45 deg", style.ORANGE),
 }
+"""Name and color in figures of each kind of wheels"""
 PUSH = 0.05
 """Push as a multiple of the vehicle's weight [1]"""
 PUSH_ANGLE = math.radians(60.0)
@@ -36,7 +37,6 @@ SPEED = 10.0
 _PUSH = (PUSH * math.cos(PUSH_ANGLE), PUSH * math.sin(PUSH_ANGLE))
 _PUSHED = WheelTrial("push", pedal=1.0, released=True, push=_PUSH, duration=PUSH_TIME)
 _STOPPED = WheelTrial("stop", twist=(SPEED, 0.0, 0.0), pedal=1.0, duration=4.0)
-_COLORS = {"conventional": style.BLUE, "mecanum": style.VERMILLION, "omni": style.ORANGE}
 
 
 class Trial(NamedTuple):
@@ -141,7 +141,7 @@ def draw(pushes: Mapping[str, Trial], stops: Mapping[str, Trial], apart: float =
     for axes, trials in ((push, pushes), (stop, stops)):
         for index, (kind, trial) in enumerate(trials.items()):
             start = np.array([index * apart, 0.0])
-            _draw_trial(axes, trial, start, _COLORS[kind], KINDS[kind])
+            _draw_trial(axes, trial, start, *KINDS[kind])
             if axes is push:
                 look = {"arrowstyle": "-|>", "lw": 2.0}
                 axes.annotate("", start, start - ahead_up(arrow)[0], arrowprops=look)
@@ -152,15 +152,15 @@ def draw(pushes: Mapping[str, Trial], stops: Mapping[str, Trial], apart: float =
     return figure
 
 
-def _draw_trial(axes: Axes, trial: Trial, start: FloatArray, color: str, label: str) -> None:
+def _draw_trial(axes: Axes, trial: Trial, start: FloatArray, label: str, color: str) -> None:
     """Draw the path of a trial, with the vehicle at its start and end.
 
     Args:
         axes: axes to draw on.
         trial: the trial.
         start: place of the start in the figure [m], shape (2,).
-        color: color of the vehicle.
         label: entry of the legend.
+        color: color of the vehicle.
     """
     vehicle = trial.vehicle
     scene = Scene(vehicle.chassis_length, vehicle.chassis_width, vehicle.wheels)

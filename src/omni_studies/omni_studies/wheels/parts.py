@@ -32,9 +32,9 @@ def metrics(mecanum: VehicleConfiguration, omni: VehicleConfiguration) -> dict[s
         mecanum: vehicle on Mecanum wheels.
         omni: vehicle on omni-wheels.
     """
-    found = _stops(mecanum) | _motor(mecanum) | _coasting(mecanum)
     lever = row_levers(_with_rollers(omni, rows_apart=_APART))
-    return found | {
+    return {
+        **_stops(mecanum) | _motor(mecanum) | _coasting(mecanum),
         "row_lever.largest": Metric(1e3 * float(np.max(np.abs(lever))), "mm"),
         "row_lever.mean": Metric(1e3 * abs(float(np.mean(lever))), "mm"),
     }

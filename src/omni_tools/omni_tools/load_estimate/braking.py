@@ -169,9 +169,8 @@ def _braking_equations(
     turns = (np.abs(speed[1:]) > SLOWEST) & (speed[1:] * speed[:-1] > 0.0)
     torque = 0.5 * (drive.torque[1:] + drive.torque[:-1]) * -np.sign(speed[1:])
     use = pressed & np.any(turns, axis=1) & np.all(np.isfinite(torque), axis=1) & (step < 0.1)
-    push = (torque * step[:, np.newaxis] - vehicle.wheel_inertia * np.diff(speed, axis=0)) / (
-        radius * rim
-    )
+    slowed = vehicle.wheel_inertia * np.diff(speed, axis=0)
+    push = (torque * step[:, np.newaxis] - slowed) / (radius * rim)
     momentum = _momentum(drive.twist, step)
     momentum[:, 2] /= length
     impulse = np.where(turns, push, 0.0)[:, np.newaxis, :] * wrench.T

@@ -221,5 +221,4 @@ def _write(
         f"# {options.vehicle} with the load from ./omni estimate-load;\n"
         "# its height and yaw inertia are not observable and are not estimated.\n"
     )
-    text = yaml.safe_dump(values, sort_keys=False, default_flow_style=None)
-    return write_text(path, head + text)
+    return write_text(path, head + yaml.safe_dump(values, sort_keys=False, default_flow_style=None))

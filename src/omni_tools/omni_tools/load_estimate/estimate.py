@@ -132,19 +132,18 @@ def estimate_load(
         WorkError: the equations do not determine the center of gravity.
     """
     drive = unsteered(drive, vehicle.wheels, BLOCK)
-    empty = unsteered(empty, vehicle.wheels, BLOCK) if empty else None
-    here, there = _radii(drive, vehicle), _radii(empty, vehicle) if empty else None
+    empty = empty and unsteered(empty, vehicle.wheels, BLOCK)
+    here, there = _radii(drive, vehicle), empty and _radii(empty, vehicle)
     parts, unevenness, rolling = [], math.nan, 0.0
     if here is not None and (empty is None or there is not None):
         part, unevenness = _from_rolling(here, there, vehicle, uncertainty, cameras)
         parts.append(part)
         rolling = here.blocks * BLOCK
-    stop = braking.from_braking(drive, vehicle, here and here.radius, uncertainty.torque)
+    torque = uncertainty.torque
+    stop = braking.from_braking(drive, vehicle, here and here.radius, torque)
+    first = empty and braking.from_braking(empty, vehicle, there and there.radius, torque)
     if stop is not None:
-        first = None
-        if empty is not None:
-            first = braking.from_braking(empty, vehicle, there and there.radius, uncertainty.torque)
-        parts.append(braking.calibrated(stop, first, vehicle.body.mass, uncertainty.torque))
+        parts.append(braking.calibrated(stop, first, vehicle.body.mass, torque))
     if not parts:
         raise LoadDataError(
             f"the drive has less than {FEWEST_BLOCKS * BLOCK:g} s of free rolling, and no braking "

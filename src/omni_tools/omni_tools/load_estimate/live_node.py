@@ -4,12 +4,11 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.qos import QoSHistoryPolicy, QoSProfile, QoSReliabilityPolicy
 
 from omni_core import topics
 from omni_core.configuration import InputError, WorkError
-from omni_ros.messages import to_nanoseconds
+from omni_ros.messages import diagnostics, to_nanoseconds
 from omni_ros.qos import BEST_EFFORT, advertise
 from omni_runs.recorded_run import Stream
 from omni_tools.load_estimate.data import REQUIRED, drive_data
@@ -69,18 +68,9 @@ def receive(
             if late:
                 raise
             continue
-        publisher.publish(_diagnostics(partner, *state(estimate)))
+        warning, values = state(estimate)
+        stamp_ns = partner.node.get_clock().now().nanoseconds
+        words = warning or "no large rotation without assistance"
+        publisher.publish(diagnostics(stamp_ns, "estimate_load", int(bool(warning)), words, values))
         if late:
             return estimate
-
-
-def _diagnostics(partner: Partner, warning: str, values: Mapping[str, str]) -> DiagnosticArray:
-    status = DiagnosticStatus(
-        level=DiagnosticStatus.WARN if warning else DiagnosticStatus.OK,
-        name="estimate_load",
-        message=warning or "no large rotation without assistance",
-        values=[KeyValue(key=key, value=value) for key, value in values.items()],
-    )
-    message = DiagnosticArray(status=[status])
-    message.header.stamp = partner.node.get_clock().now().to_msg()
-    return message
