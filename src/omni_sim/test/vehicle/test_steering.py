@@ -13,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from logged_steps import advance_logged
 
-from omni_core.configuration import from_mapping
+from omni_core.configuration import ConfigurationError, from_mapping
 from omni_core.quantities import FloatArray
 from omni_sim.tire.models.tmeasy import TMeasyParameters, curve_at, direction_coefficients
 from omni_sim.vehicle.configuration import VehicleConfiguration
@@ -155,3 +155,8 @@ def test_swerve_drive_brakes_in_every_direction_without_tipping(
     vehicle.advance(round(1.0 / vehicle.physics_step), 1.0, np.ones(4), np.zeros(3))
     np.testing.assert_allclose(vehicle.twist, 0.0, atol=1e-2)
     assert vehicle.tipping_steps == 0
+
+
+def test_mujoco_refuses_steering_with_the_remedy(forklift: VehicleConfiguration) -> None:
+    with pytest.raises(ConfigurationError, match=r"steering_limit_deg: .*'mujoco'; use 'single'"):
+        dataclasses.replace(forklift, wheel_model="mujoco")
