@@ -262,14 +262,16 @@ def _choose(
     limit = candidates.RATIO * candidates.LIKELY
     moves = evidence[best] >= limit
     if len(near) > 0 and (not moves or static.turning(remainder, layout) < limit):
-        c = found[near[int(np.argmax(evidence[near]))]]
+        slowest = near[int(np.argmax(evidence[near]))]
+        c, shifts = found[slowest], evidence[slowest] >= candidates.LIKELY
         changes = static.colored(view.recorded, camera.taper, layout, True) >= limit
         if not changes or static.colored(view.recorded, camera.taper, layout, False) < limit:
             # Texture must be visible before and after the subtraction of the pattern, because the
             # error of the pattern looks like texture in a view without any.
             whole = candidates.correlate(view.spectra, np.zeros_like(view.spectra[0]))
             seen = min(_seen(view.usual, layout, c), _seen(whole, layout, c))
-            return c, changes, False, False, "" if seen > candidates.LIKELY else "low texture"
+            flaw = "" if shifts or seen > candidates.LIKELY else "low texture"
+            return c, changes, changes and shifts, False, flaw
     if evidence[best] < limit:
         changes = static.colored(view.recorded, camera.taper, layout, True) >= limit
         return found[best], changes, True, True, "low texture"

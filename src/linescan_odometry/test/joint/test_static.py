@@ -93,6 +93,14 @@ def test_a_slow_motion_is_not_reduced_by_the_pattern(displacement: float) -> Non
     assert abs(found.value - displacement) < 4.0 * math.sqrt(found.variance)
 
 
+@pytest.mark.parametrize("window", [dirt(), gains()])
+def test_a_shift_of_a_few_details_is_measured_below_a_fixed_pattern(window: Levels) -> None:
+    found = JointEstimator(SENSOR, 512).estimate(batch(0.8, 20.0, lambda _: window))
+    assert found.reason == ""
+    assert found.value == pytest.approx(0.8, abs=0.02)
+    assert math.sqrt(found.variance) < 0.02
+
+
 @pytest.mark.parametrize("speed", [3.0, -2.0])
 def test_the_edge_of_a_shadow_is_not_a_motion(speed: float) -> None:
     def shade(k: int) -> Levels:
