@@ -259,6 +259,8 @@ def _estimate_motion(
     for j in range(inertial.size):
         least = min(least, feedback.covariance[j, j])
     validity = VALID if received and least < UNMEASURED_VARIANCE else MISSING
+    body, brake = memory.laws.body[0], constants.laws.allocation.brake
+    lag = body.dead_time - brake.dead_time if body.responded else bank_state.UNKNOWN_LAG
     step.no_effect = effect_monitor.watch_effect(
         constants.effect, memory.effect, elapsed, pedal, released, speeds, inertial
     )
@@ -267,7 +269,7 @@ def _estimate_motion(
             constants.bank,
             memory.bank,
             inputs.now_ns,
-            bank_state.Readings(pedal, memory.commanded, inertial, speeds, fresh, age),
+            bank_state.Readings(pedal, memory.commanded, inertial, speeds, fresh, age, lag),
             TwistSample(feedback.stamp_ns, feedback.value, feedback.covariance, validity),
             memory.answer,
         )

@@ -47,6 +47,7 @@ def estimate(
             return bank.NO_ESTIMATE
         bank.begin(constants, memory, now_ns, twist)
         elapsed = 0.0
+    record.lag = readings.lag
     _press(constants, memory, braking)
     _restart(memory, now_ns)
     memory.evidence[:] = 0.0

@@ -44,6 +44,7 @@ WHEEL = 0.03  # standard deviation of a rolling rim's speed and a fault-free twi
 SHARE = 0.005  # additional standard deviation of these speeds and of yaw rates, per reading [1]
 MODEL_ERROR = 2.0  # largest error of the ratio of nominal brake torque to wheel inertia [1]
 RELEASED = 0.05  # a brake with at most this enable counts as released [1]
+UNKNOWN_LAG = 0.05  # dead time of brakes that is assumed while there is no estimate of it [s]
 LEAST_FRICTION = 3.0  # deceleration with a friction coefficient of 0.3 if all wheels brake [m/s^2]
 # Prior probability that a source is faulty, that a driven wheel slides, or that a wheel rolls while
 # its brake acts [1]; the prior probability of two faults is the square of this number.
@@ -65,6 +66,7 @@ BANK = np.dtype(
         # the error of the velocity, so this error is not part of the state's variance.
         ("held", "f8"),
         ("braked", "f8"),  # time since the pedal was pressed [s]
+        ("lag", "f8"),  # estimated dead time of the brakes in excess of the configured one [s]
         ("unsupported", "f8"),  # time for which no wheel has rolled although one could [s]
         ("restart_ns", "i8"),  # time of the last restart of the filter of all sources [ns]
         ("best", "i8"),  # most probable hypothesis
@@ -83,6 +85,7 @@ class Readings(NamedTuple):
         speeds: wheel speeds [rad/s], shape (N,).
         fresh: whether the yaw rate has not been used in an earlier step.
         age: time since the newest IMU reading [s].
+        lag: estimated dead time of the brakes in excess of the configured one [s].
     """
 
     pedal: float
@@ -91,6 +94,7 @@ class Readings(NamedTuple):
     speeds: FloatArray
     fresh: bool = True
     age: float = 0.0
+    lag: float = UNKNOWN_LAG
 
 
 @by_reference

@@ -24,10 +24,10 @@ from omni_core.quantities import FloatArray
 # either rolls, or its brake still acts.
 # On ice (friction 0.1, load 2500 N, radius 0.2 m, inertia 1 kg m^2) the speed of a rim rises by
 # _GAIN in 0.01 s. The idle time has a Rayleigh distribution. Its mode is _IDLE / sqrt(2) [s] for a
-# sliding wheel, because the torques of brake and friction are equal only briefly. For a locked
-# wheel it is _HELD / sqrt(2) [s], because the wheel remains locked until the torque of a brake with
-# an unknown lag has fallen below that of friction.
-_GAIN, _IDLE, _HELD = 0.1, 0.05, 0.08
+# sliding wheel, because the torques of brake and friction are equal only briefly. A locked wheel
+# remains locked until the torque of its brake has fallen below that of friction; for such a wheel,
+# _HELD [s] plus the lag that is not configured replaces _IDLE.
+_GAIN, _IDLE, _HELD = 0.1, 0.05, 0.03
 # Width of the range of readings of a faulty encoder: the width at standstill [m/s], and the
 # increase of the width per vehicle speed [1].
 _SPEED_RANGE, _SPEED_SHARE = 10.0, 2.0
@@ -220,7 +220,8 @@ def _mixture(
         slides = stays = 0.5 * (1.0 - bank.PRIOR)  # sliding and locked are equally probable
         if memory.released[i] >= constants.spin_up:
             slides *= math.exp(-((memory.idle[i] / _IDLE) ** 2))
-            stays *= math.exp(-((memory.idle[i] / _HELD) ** 2))
+            held = _HELD + memory.record[0].lag
+            stays *= math.exp(-((memory.idle[i] / held) ** 2))
         rolls, locked = 1.0 - slides - stays, stays * standing
         missing = max(memory.slowest[i] - abs(memory.rim[i]), 0.0)
         possible = math.exp(-0.5 * min((missing / bank.WHEEL) ** 2, GATE))

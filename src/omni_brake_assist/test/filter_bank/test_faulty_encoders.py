@@ -9,6 +9,7 @@ from omni_brake_assist.configuration import BrakeAssistConfiguration
 from omni_brake_assist.filter_bank.bank import estimate
 from omni_brake_assist.filter_bank.state import (
     ALL,
+    UNKNOWN_LAG,
     Readings,
     bank_constants,
     bank_memory,
@@ -31,7 +32,7 @@ def isolated_encoder(
     seconds: float = 1.0,
     change: float = 0.0,
     brake: BrakeConfiguration = DIRECT,
-    law: str = "sliding_mode",
+    lag: float | None = None,
 ) -> bool:
     """Brake from 8 m/s with 4 m/s^2; return whether the first encoder is isolated at the end.
 
@@ -42,8 +43,11 @@ def isolated_encoder(
         seconds: time for which the pedal is down [s].
         change: time at which the brake command of the first wheel changes [s].
         brake: brake of each wheel.
-        law: control law; `allocation` requires the torque of the brakes and the wheels' inertia.
+        lag: dead time of the brakes that `allocation` estimates, in excess of the configured one
+            [s]. This law requires the torque of the brakes and the wheels' inertia. If it is None,
+            the law is `sliding_mode`.
     """
+    law = "sliding_mode" if lag is None else "allocation"
     configuration = BrakeAssistConfiguration(wheels=mounts, brake=brake, law=law)
     constants = bank_constants(configuration, PlatformGeometry.from_wheels(mounts))
     memory, answer = bank_memory(constants), np.empty(3)
@@ -63,6 +67,7 @@ def isolated_encoder(
                 np.array([enable if time >= change else 1.0, 1.0, 1.0, 1.0]),
                 np.array([0.0, -BRAKE if k > 0 else 0.0, 0.0]),
                 speeds,
+                lag=UNKNOWN_LAG if lag is None else lag,
             ),
             TwistSample((k + PEDAL) * PERIOD_NS, np.array([v, 0.0, 0.0]), 1e-6 * np.eye(3)),
             answer,
@@ -113,6 +118,36 @@ def test_a_possible_wheel_speed_is_used(
     assert not isolated_encoder(mecanum, speed, enable, change=STEP)
 
 
+@pytest.mark.safety(
+    "the stop is longer or rotates more",
+    "an encoder of a released wheel reads 0, with `allocation` and brakes that act at once",
+    "fault isolation: no brake holds the wheel for longer than its estimated lag",
+    within=0.15,
+)
+@pytest.mark.parametrize(("lag", "isolated"), [(0.0, True), (UNKNOWN_LAG, False)])
+def test_an_encoder_that_reads_0_is_isolated_after_the_estimated_lag(
+    mecanum: dict[str, WheelMount], lag: float, isolated: bool, within: float
+) -> None:
+    faulty = isolated_encoder(
+        mecanum,
+        lambda _t, _rolling: 0.0,
+        0.0,
+        seconds=within,
+        change=0.02,
+        lag=lag,
+    )
+    assert faulty is isolated
+
+
+def test_a_wheel_that_a_lagging_brake_holds_is_no_faulty_encoder(
+    mecanum: dict[str, WheelMount],
+) -> None:
+    def speed(time: float, rolling: float) -> float:
+        return 0.0 if time < 0.12 else min(100.0 * (time - 0.12), rolling)
+
+    assert not isolated_encoder(mecanum, speed, 0.0, seconds=0.4, change=0.02, lag=0.09)
+
+
 def test_a_released_wheel_does_not_slip_more_again(mecanum: dict[str, WheelMount]) -> None:
     """The encoder gives the speed of another wheel, whose slip is controlled."""
 
@@ -159,9 +194,9 @@ def test_a_slip_that_falls_slowly_must_also_fall_as_much_as_the_brake_torque(
     "fault isolation: the torque of the brake cannot lock the wheel so quickly",
     within=0.1,
 )
-@pytest.mark.parametrize(("law", "isolated"), [("allocation", True), ("sliding_mode", False)])
+@pytest.mark.parametrize(("lag", "isolated"), [(UNKNOWN_LAG, True), (None, False)])
 def test_a_wheel_that_stops_faster_than_its_brake_can_stop_it_is_isolated(
-    mecanum: dict[str, WheelMount], law: str, isolated: bool, within: float
+    mecanum: dict[str, WheelMount], lag: float | None, isolated: bool, within: float
 ) -> None:
     """The configuration of the law `sliding_mode` need not describe the brakes."""
 
@@ -169,7 +204,7 @@ def test_a_wheel_that_stops_faster_than_its_brake_can_stop_it_is_isolated(
         return 0.9 * rolling if time < 0.2 else 0.0
 
     seconds = 0.2 + within
-    assert isolated_encoder(mecanum, speed, 0.1, seconds=seconds, law=law) is isolated
+    assert isolated_encoder(mecanum, speed, 0.1, seconds=seconds, lag=lag) is isolated
 
 
 def test_a_wheel_that_its_brake_locks_is_no_faulty_encoder(mecanum: dict[str, WheelMount]) -> None:
@@ -178,4 +213,4 @@ def test_a_wheel_that_its_brake_locks_is_no_faulty_encoder(mecanum: dict[str, Wh
     def speed(time: float, rolling: float) -> float:
         return max(0.9 * rolling - 200.0 * max(time - 0.2, 0.0), 0.0)
 
-    assert not isolated_encoder(mecanum, speed, 0.1, seconds=0.8, law="allocation")
+    assert not isolated_encoder(mecanum, speed, 0.1, seconds=0.8, lag=UNKNOWN_LAG)
