@@ -225,7 +225,7 @@ class UnsuitableViews:
         Returns:
             This reading, keyed by camera name; empty if no view contradicts the twist.
         """
-        farthest, worst, covered = _STILL_SHARE, "", {}
+        farthest, covered = _STILL_SHARE, {}
         # Before the first stored twist, the motion is unknown.
         known = max(stamp_ns - self._stamps[0] if self._stamps else 0, _GAP_NS)
         for name, reading in readings.items():
@@ -236,14 +236,13 @@ class UnsuitableViews:
             path = self._path_across(name, stamp_ns, min(static, 1e-9 * known), across)
             share = path / self._sensors[name].width
             if share > farthest:
-                farthest, worst = share, name
+                farthest = share
                 reason = (
                     "covered: its view does not change, but the platform moves across it at "
                     f"{abs(across):.3g} m/s"
                 )
                 covered = {name: reading.rejected(reason)}
-        if covered:
-            self._covered[worst] = covered[worst].reason
+        self._covered |= {name: reading.reason for name, reading in covered.items()}
         return covered
 
     def _over_oblique_texture(

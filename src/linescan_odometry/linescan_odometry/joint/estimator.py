@@ -261,6 +261,7 @@ def _choose(
     # Noise alone rarely exceeds half of the log-likelihood that a valid displacement requires.
     limit = candidates.RATIO * candidates.LIKELY
     moves = evidence[best] >= limit
+    changes = True
     if len(near) > 0 and (not moves or static.turning(remainder, layout) < limit):
         slowest = near[int(np.argmax(evidence[near]))]
         c, shifts = found[slowest], evidence[slowest] >= candidates.LIKELY
@@ -272,8 +273,9 @@ def _choose(
             seen = min(_seen(view.usual, layout, c), _seen(whole, layout, c))
             flaw = "" if shifts or seen > candidates.LIKELY else "low texture"
             return c, changes, changes and shifts, False, flaw
-    if evidence[best] < limit:
+    elif not moves:
         changes = static.colored(view.recorded, camera.taper, layout, True) >= limit
+    if not moves:
         return found[best], changes, True, True, "low texture"
     best, ambiguous = candidates.decide(remainder, layout, found, evidence)
     weak = evidence[best] < candidates.LIKELY
