@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Mapping
 from typing import NamedTuple
 
@@ -13,6 +14,24 @@ from omni_core.signals import Lines
 
 UNMEASURED_VARIANCE = 1e6
 """Variance that marks a velocity as unmeasured, (1 km/s)^2 [m^2/s^2]."""
+
+
+class Decay(NamedTuple):
+    """Loss of the texture that neighboring lines have in common, at a larger distance of the lines.
+
+    Attributes:
+        lines: distance of the compared lines [lines]; 0 without a comparison.
+        kept: share of the common texture that lines at this distance still have in common [1].
+        variance: variance of this share due to noise [1].
+    """
+
+    lines: int = 0
+    kept: float = 1.0
+    variance: float = math.inf
+
+
+NO_DECAY = Decay()
+"""Result without a comparison of lines."""
 
 
 class Displacement(NamedTuple):
@@ -28,6 +47,7 @@ class Displacement(NamedTuple):
         share: share of the line pairs that were used, 0 to 1.
         slope: standard deviation of the unknown slope of the texture against the direction across
             the axis [1]; motion across the axis falsifies the displacement by it.
+        decay: loss of common texture with the distance of the lines.
         remark: description of a defect that leaves the lines usable; empty without a defect.
     """
 
@@ -37,6 +57,7 @@ class Displacement(NamedTuple):
     rest: Lines | Float32Array
     share: float = 1.0
     slope: float = 0.0
+    decay: Decay = NO_DECAY
     remark: str = ""
 
 
@@ -63,6 +84,7 @@ class SensorReading:
             contradicts the motion.
         slope: standard deviation of the unknown slope of the texture against the direction across
             the axis [1]; the odometry adds its effect to the variance.
+        decay: loss of common texture with the distance of the lines.
     """
 
     velocity: float
@@ -77,6 +99,7 @@ class SensorReading:
     persistence: float = 0.0
     unmatched: bool = False
     slope: float = 0.0
+    decay: Decay = NO_DECAY
 
     @classmethod
     def unmeasured(

@@ -267,6 +267,7 @@ class SensorOdometry:
             reference_age=age,
             persistence=persistence,
             slope=displacement.slope,
+            decay=displacement.decay,
         )
 
     def _static_time(self, stamp_ns: int, lines: Lines, displacement: float) -> float:

@@ -21,7 +21,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from linescan_odometry.keyframe import EXCESS
-from linescan_odometry.measurements import SensorReading
+from linescan_odometry.measurements import Decay, SensorReading
 from omni_core.quantities import FloatArray
 from omni_core.sensors import LineSensor, velocity_row
 
@@ -133,11 +133,33 @@ class UnsuitableViews:
         for name, reading in readings.items():
             if name in self._sensors and reading.measured and reading.slope > 0.0:
                 across = float(self._rows[name][1] @ twist)
-                variance = reading.variance + (reading.slope * across) ** 2
+                share = self._persisting(name, reading.decay, across)
+                variance = reading.variance + share * (reading.slope * across) ** 2
                 sloping[name] = dataclasses.replace(reading, variance=variance, slope=0.0)
                 if variance > _WIDEST**2:
                     sloping[name] = reading.rejected("uncertain: the texture may be oblique")
         return sloping
+
+    def _persisting(self, name: str, decay: Decay, across: float) -> float:
+        """Return the mean square of the share of a texture that moves on in the view [1].
+
+        An ordinary texture leaves the view at the rate of the motion across the axis; an oblique
+        one moves on in it. The prior deviation of the share is 1.
+
+        Args:
+            name: name of the camera.
+            decay: loss of common texture between lines.
+            across: velocity across the camera's axis [m/s].
+        """
+        sensor = self._sensors[name]
+        step = min(abs(across) / (sensor.line_rate * sensor.width), _STILL_SHARE)
+        lost = 1.0 - max(1.0 - decay.lines * step, 0.0) / (1.0 - step)  # of ordinary texture
+        if not lost > 0.0 or math.isinf(decay.variance):
+            return 1.0
+        error = decay.variance / lost**2
+        gain = 1.0 / (1.0 + error)
+        share = gain * min(max((decay.kept - 1.0 + lost) / lost, 0.0), 1.0)
+        return share**2 + gain * error
 
     def unsuitable(
         self, stamp_ns: int, readings: Mapping[str, SensorReading], twist: FloatArray
@@ -177,18 +199,19 @@ class UnsuitableViews:
         Returns:
             Rejected readings, keyed by camera name.
         """
+        if len(self._stamps) > 1 and 0 < stamp_ns - self._stamps[-1] < _GAP_NS:
+            sloping = self.sloping(readings, self._twist)
+            return sloping | self._over_oblique_texture(stamp_ns, readings | sloping, self._twist)
         blind = [
             name
             for name in self._sensors
             if readings[name].unmatched and not readings[name].measured
         ]
-        if not blind:
-            return {}
-        if len(self._stamps) > 1 and 0 < stamp_ns - self._stamps[-1] < _GAP_NS:
-            return self._over_oblique_texture(stamp_ns, readings, self._twist)
-        reason = f"unconfirmed: the texture may be oblique, no match for {', '.join(blind)}"
+        cause = f"no match for {', '.join(blind)}" if blind else "the texture has few features"
         return {
-            name: reading.rejected(reason) for name, reading in readings.items() if reading.measured
+            name: reading.rejected(f"unconfirmed: the texture may be oblique, {cause}")
+            for name, reading in readings.items()
+            if reading.measured and (blind or reading.slope > 0.0)
         }
 
     def _remember(self, stamp_ns: int, twist: FloatArray) -> None:

@@ -12,7 +12,7 @@ from linescan_odometry.joint.heave import Heave
 from linescan_odometry.joint.likelihood import window
 from linescan_odometry.joint.maximum import FEWEST, Camera, Solution, View, moving, slow
 from linescan_odometry.matching.transforms import transform_size
-from linescan_odometry.measurements import Displacement, Unmeasured
+from linescan_odometry.measurements import NO_DECAY, Decay, Displacement, Unmeasured
 from linescan_odometry.plausibility import Plausibility
 from omni_core.kernels import kernel
 from omni_core.sensors import LineSensor
@@ -40,6 +40,7 @@ class Estimate(NamedTuple):
             before the fit.
         moves: whether the displacement is a motion and not rest.
         slope: the attribute `slope` of `Solution` [1].
+        decay: loss of common texture with the distance of the lines.
         few: whether the displacement is based on so few features, or on so little evidence, that
             another batch must confirm it.
         scaling: change of the scale of the view.
@@ -53,6 +54,7 @@ class Estimate(NamedTuple):
     coherence: float
     moves: bool
     slope: float
+    decay: Decay
     few: bool
     scaling: Scaling
     pattern: spectra.FixedPattern
@@ -121,7 +123,7 @@ class JointEstimator:
         self.still = not estimate.moves
         (last, uncertain), self._before = self._before, (math.nan, math.inf)
         if estimate.reason:
-            raise Unmeasured(estimate.reason, unmatched=True)
+            raise Unmeasured(estimate.reason, unmatched=estimate.moves)
         change = self._camera.change * (len(lines) - 1)
         reach = change + _AGREE * math.sqrt(estimate.variance + uncertain)
         agrees = abs(estimate.value - last) < reach < math.inf
@@ -148,6 +150,7 @@ class JointEstimator:
             estimate.coherence,
             estimate.rest,
             slope=estimate.slope,
+            decay=estimate.decay,
             remark=self.heave.remark,
         )
 
@@ -196,7 +199,9 @@ def _estimate(
     several = layout.lines >= spectra.FEWEST_LINES
     view = View(lines, logs, transformed, found, usual, details, remainder if several else usual)
     d, moves, shifts, weak, flaw = _choose(view, camera, layout)
-    best = Solution(np.array([d, 0.0]), math.inf, 0.0, 0.0, 0.0, 0.0, UNSCALED, logs, pattern)
+    best = Solution(
+        np.array([d, 0.0]), math.inf, 0.0, 0.0, 0.0, NO_DECAY, 0.0, UNSCALED, logs, pattern
+    )
     if not flaw and (not (shifts and several) or abs(d) * (layout.lines - 1) < _SHIFTED):
         best = slow(view, camera, pattern, layout, (d, known))
     parted = False
@@ -224,6 +229,7 @@ def _estimate(
         best.coherence,
         moves,
         best.slope,
+        best.decay,
         few,
         best.scaling,
         pattern,
