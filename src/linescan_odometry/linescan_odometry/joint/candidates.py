@@ -36,9 +36,12 @@ _FIRST_BAND, _BAND_GROWTH = 0.002, 1.45  # cycles per pixel; ratio of band edges
 
 @kernel
 def spacings(lines: int) -> NDArray[np.int64]:
-    """Return the four line spacings at which a batch is correlated, 1 to lines / 3, shape (4,)."""
+    """Return the four line spacings at which a batch is correlated, 1 to lines / 3, shape (4,).
+
+    They are rounded down, because `farthest` excludes spacings above a third of the lines.
+    """
     powers = [(lines / 3.0) ** (which / (SPACINGS - 1.0)) for which in range(SPACINGS)]
-    return np.array([max(1, round(power)) for power in powers])
+    return np.array([max(1, math.floor(power)) for power in powers])
 
 
 class Layout(NamedTuple):
