@@ -12,7 +12,7 @@ from scipy.ndimage import gaussian_filter1d, uniform_filter1d
 
 from linescan_odometry.configuration import OdometryConfiguration
 from linescan_odometry.keyframe import Keyframe
-from linescan_odometry.measurements import SensorReading
+from linescan_odometry.measurements import Decay, SensorReading
 from linescan_odometry.sensor import SensorOdometry
 from linescan_odometry.unsuitable_views import UnsuitableViews
 from omni_core.sensors import LineSensor
@@ -148,6 +148,20 @@ def test_the_path_across_the_axis_is_the_integral_of_the_velocity() -> None:
         reading = {} if stamp_ns < 50 else {"eye": oblique}
         found = views.unsuitable(stamp_ns * 10**6, reading, np.array((3.0, speed, 0.0)))
     assert found["eye"].reason.endswith("after 32 mm across the axis")
+
+
+@pytest.mark.parametrize(("lag", "kept", "share"), [(8, 0.2, 0.0), (8, 1.0, 1.0), (0, 1.0, 1.0)])
+def test_a_slope_counts_for_the_texture_that_moves_on_in_the_view(
+    lag: int, kept: float, share: float
+) -> None:
+    """Of ordinary texture, lines at a distance of 8 keep 1 - 8 * 5 m/s / 2500 / 20 mm = 0.2."""
+    views, twist = UnsuitableViews({"eye": CAMERA}), np.array([0.0, 5.0, 0.0])
+    decay = Decay(lag, kept / (1.0 - 0.1), 1e-6 if lag else np.inf)
+    faint = SensorReading(0.0, 1e-6, 1.0, 1.0, True, slope=0.05, decay=decay)
+    reading = views.sloping({"eye": faint}, twist)["eye"]
+    assert reading.measured
+    assert reading.slope == 0.0
+    assert reading.variance == pytest.approx(1e-6 + share * (0.05 * 5.0) ** 2, rel=1e-2, abs=1e-6)
 
 
 def test_rocking_to_and_fro_is_no_path_across() -> None:

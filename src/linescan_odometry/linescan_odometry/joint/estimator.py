@@ -140,10 +140,12 @@ class JointEstimator:
             )
         self._last = estimate.value
         self.heave.add(estimate.scaling, len(lines) - 1)
-        value, variance, place = estimate.value, estimate.variance, estimate.scaling.place
+        value, variance, scaling = estimate.value, estimate.variance, estimate.scaling
         if self.heave.variance > 0.0:
-            value -= estimate.scaling.change * place  # in the middle of the line
-            variance += estimate.scaling.variance * place**2 + self.heave.variance * value**2
+            variance += self.heave.variance * value**2
+            if math.isfinite(scaling.variance):
+                value -= scaling.change * scaling.place  # in the middle of the line
+                variance += scaling.variance * scaling.place**2
         return Displacement(
             value,
             variance,

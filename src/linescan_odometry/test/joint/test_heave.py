@@ -9,8 +9,10 @@ import pytest
 from numpy.typing import NDArray
 
 from linescan_odometry.configuration import OdometryConfiguration
-from linescan_odometry.joint.fit import Scaling
+from linescan_odometry.joint.estimator import JointEstimator
+from linescan_odometry.joint.fit import UNSCALED, Scaling
 from linescan_odometry.joint.heave import Heave
+from linescan_odometry.plausibility import Plausibility
 from linescan_odometry.sensor import SensorOdometry
 from omni_core.sensors import LineSensor
 from omni_core.signals import LineBatch
@@ -87,3 +89,19 @@ def test_an_unknown_change_leaves_the_variance() -> None:
     known = heave.variance
     heave.add(Scaling(0.0, math.inf, 0.0), 25)
     assert heave.variance == known > 0.0
+
+
+def test_a_view_of_unknown_scale_has_a_finite_variance(monkeypatch: pytest.MonkeyPatch) -> None:
+    camera = JointEstimator(SENSOR, 400)
+    lines = np.random.default_rng(2).integers(0, 255, SENSOR.pixels, np.uint8) + np.zeros(
+        (LINES, 1), np.uint8
+    )
+    estimate = camera.estimate(lines)._replace(
+        value=5.0, variance=1e-4, reason="", moves=True, few=False, scaling=UNSCALED
+    )
+    monkeypatch.setattr(camera, "estimate", lambda _: estimate)
+    camera.heave.variance = 0.01**2
+    plausibility = Plausibility(SENSOR, 0.0, 0.0)
+    found = camera.measure(lines, plausibility, 10**9)
+    assert found.value == 5.0
+    assert found.variance == pytest.approx(1e-4 + (0.01 * 5.0) ** 2)
