@@ -104,11 +104,12 @@ class LineChain:
         if last is not None:
             self._check_order(batch, last, elapsed)
         late = elapsed - count
-        chain: Lines = batch.lines.copy()
-        self.joined = last is not None and last.dtype == chain.dtype and abs(late) < 0.5
+        self.joined = last is not None and last.dtype == batch.lines.dtype and abs(late) < 0.5
+        chain: Lines
         if last is not None and self.joined:
-            chain = np.insert(chain, 0, last, axis=0)
+            chain = np.concatenate((last[None], batch.lines))
         else:
+            chain = batch.lines.copy()
             restart()
         self._last = chain[-1]
         self._last_ns = batch.stamp_ns

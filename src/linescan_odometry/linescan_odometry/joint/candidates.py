@@ -93,12 +93,8 @@ def correlate(lines: Spectrum, fixed: Spectrum) -> Correlation:
     """
     m, count = lines.shape
     distances, rest = spacings(m), lines - fixed
-    lagged, power = np.zeros((SPACINGS, count), np.complex64), np.zeros(count, np.float32)
+    lagged, power = np.zeros((SPACINGS, count), np.complex64), spectra.power_of(rest)
     shared = np.zeros((SPACINGS, count), np.float32)
-    for k in range(m):
-        new = rest[k]
-        for f in range(count):
-            power[f] += new[f].real * new[f].real + new[f].imag * new[f].imag
     power *= np.float32(1.0 / m)
     for which in range(SPACINGS):
         products, lag = lagged[which], distances[which]
@@ -165,12 +161,11 @@ def find(
         found[0], number = last, 1
     for own in correlations:
         whitening = weight / np.maximum(spectra.smoothed(own.power), 1e-9)
-        correlation = np.zeros((SPACINGS, size), np.float32)
+        whitened = np.zeros((SPACINGS, size // 2 + 1), np.complex64)
         for which in range(SPACINGS):
-            whitened = np.zeros(size // 2 + 1, np.complex64)
             for f in range(len(weight)):
-                whitened[f] = own.lagged[which, f] * np.float32(whitening[f])
-            correlation[which] = np.fft.irfft(whitened, size)
+                whitened[which, f] = own.lagged[which, f] * np.float32(whitening[f])
+        correlation = np.fft.irfft(whitened, size, 1)
         stack = np.full(2 * limit + 1, -np.inf)
         for d in range(-limit, limit + 1):
             value, terms = 0.0, 0

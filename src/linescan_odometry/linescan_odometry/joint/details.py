@@ -11,7 +11,7 @@ import math
 import numpy as np
 
 from linescan_odometry.joint.fit import PLACES
-from linescan_odometry.joint.spectra import Doubles, Floats
+from linescan_odometry.joint.spectra import Doubles, Floats, summing
 from omni_core.kernels import kernel, linked
 
 _LONGEST = 16  # details are shorter than this fraction of a line
@@ -52,6 +52,21 @@ def limited(logs: Floats) -> Floats:
     return details
 
 
+@summing
+def _product(line: Floats, other: Floats, share: float) -> float:
+    """Return the sum of the products of pixels of a line and interpolated pixels of another one.
+
+    Args:
+        line: pixels, shape (p,).
+        other: pixels of the other line, shape (p + 1,).
+        share: share of the next pixel in each interpolated pixel [1].
+    """
+    total, own, following = np.float32(0.0), np.float32(1.0 - share), np.float32(share)
+    for i in range(len(line)):
+        total += line[i] * (own * other[i] + following * other[i + 1])
+    return float(total)
+
+
 @linked
 @kernel
 def spread(details: Floats, motion: Doubles) -> float:
@@ -68,18 +83,14 @@ def spread(details: Floats, motion: Doubles) -> float:
     lowest, length = paths.min(), n / PLACES
     shared = np.zeros(int((n + paths.max() - lowest) / length) + 1)
     for k in range(m - 1):
-        row, after = details[k], details[k + 1]
-        step = paths[k] - paths[k + 1]
+        step, ahead = paths[k] - paths[k + 1], paths[k] - lowest
         whole = math.floor(step)
-        share = step - whole
-        place, total = 0, shared[0]
-        for i in range(max(0, -whole), min(n, n - 1 - whole)):
-            there = (1.0 - share) * after[i + whole] + share * after[i + whole + 1]
-            segment = int((i + paths[k] - lowest) / length)
-            if segment != place:
-                shared[place] = total
-                place, total = segment, shared[segment]
-            total += row[i] * there
-        shared[place] = total
+        i, end = max(0, -whole), min(n, n - 1 - whole)
+        while i < end:
+            place = int((i + ahead) / length)
+            after = min(max(i + 1, math.ceil((place + 1) * length - ahead)), end)
+            there = details[k + 1, i + whole : after + whole + 1]
+            shared[place] += _product(details[k, i:after], there, step - whole)
+            i = after
     shared = np.maximum(shared, 0.0)
     return float(shared.sum() ** 2 / max((shared * shared).sum(), 1e-12))

@@ -7,7 +7,7 @@ import numpy as np
 
 from linescan_odometry.joint import candidates, spectra, static
 from linescan_odometry.joint.details import limited, spread
-from linescan_odometry.joint.fit import UNSCALED, Scaling
+from linescan_odometry.joint.fit import UNSCALED, Scaling, noise_of
 from linescan_odometry.joint.heave import Heave
 from linescan_odometry.joint.likelihood import window
 from linescan_odometry.joint.maximum import FEWEST, Camera, Solution, View, moving, slow
@@ -199,19 +199,20 @@ def _estimate(
     remainder = candidates.correlate(changing, np.zeros_like(known))
     found = candidates.find((usual, remainder), layout, camera.weight, last)
     several = layout.lines >= spectra.FEWEST_LINES
-    view = View(lines, logs, transformed, found, usual, details, remainder if several else usual)
+    remainder = remainder if several else usual
+    view = View(lines, logs, transformed, found, usual, details, remainder, noise_of(logs))
     d, moves, shifts, weak, flaw = _choose(view, camera, layout)
-    best = Solution(
-        np.array([d, 0.0]), math.inf, 0.0, 0.0, 0.0, NO_DECAY, 0.0, UNSCALED, logs, pattern
-    )
-    if not flaw and (not (shifts and several) or abs(d) * (layout.lines - 1) < _SHIFTED):
-        best = slow(view, camera, pattern, layout, (d, known))
-    parted = False
+    start = np.array([d, 0.0])
+    best = Solution(start, math.inf, 0.0, 0.0, 0.0, NO_DECAY, 0.0, UNSCALED, logs, pattern)
+    other = best
     if not flaw and shifts and several:
         mean = transformed.sum(axis=0) / np.float32(layout.lines)
         other = moving(view, camera, pattern, layout, (d, mean))
-        parted = other.variance < best.variance
-        best = other if parted else best
+    if not flaw and (not (shifts and several) or abs(d) * (layout.lines - 1) < _SHIFTED):
+        best = slow(view, camera, pattern, layout, (d, known), other.variance)
+    parted = other.variance < best.variance
+    if parted:
+        best = other
     if not flaw:
         flaw = _flaw(best, moves, view, camera)
     value = best.motion[0]
@@ -275,12 +276,8 @@ def _choose(
         c, shifts = found[slowest], evidence[slowest] >= candidates.LIKELY
         changes = static.colored(view.recorded, camera.taper, layout, True) >= limit
         if not changes or static.colored(view.recorded, camera.taper, layout, False) < limit:
-            # Texture must be visible before and after the subtraction of the pattern, because the
-            # error of the pattern looks like texture in a view without any.
-            whole = candidates.correlate(view.spectra, np.zeros_like(view.spectra[0]))
-            seen = min(_seen(view.usual, layout, c), _seen(whole, layout, c))
-            flaw = "" if shifts or seen > candidates.LIKELY else "low texture"
-            return c, changes, changes and shifts, False, flaw
+            visible = shifts or _visible(view, layout, c)
+            return c, changes, changes and shifts, False, "" if visible else "low texture"
     elif not moves:
         changes = static.colored(view.recorded, camera.taper, layout, True) >= limit
     if not moves:
@@ -291,9 +288,18 @@ def _choose(
 
 
 @kernel
-def _seen(lines: candidates.Correlation, layout: candidates.Layout, displacement: float) -> float:
-    """Return the log-likelihood ratio of texture versus noise at a displacement [nats]."""
-    return candidates.coherent(candidates.against_noise(lines, layout), layout, displacement, 0)
+def _visible(view: View, layout: candidates.Layout, displacement: float) -> bool:
+    """Return whether texture moves with a displacement [px per line].
+
+    It must be visible before and after the subtraction of the pattern, because the error of the
+    pattern looks like texture in a view without any.
+    """
+    whole = candidates.correlate(view.spectra, np.zeros_like(view.spectra[0]))
+    least = math.inf
+    for lines in (view.usual, whole):
+        seen = candidates.against_noise(lines, layout)
+        least = min(least, candidates.coherent(seen, layout, displacement, 0))
+    return least > candidates.LIKELY
 
 
 @kernel

@@ -95,27 +95,29 @@ def noise_of(lines: Floats) -> float:
 
 
 @kernel
-def unequal_pixels(lines: Floats) -> float:
+def unequal_pixels(lines: Floats, noise: float) -> float:
     """Return the variance of the gains of neighboring pixels, from logarithms of shape (m, n).
 
     The gains of neighboring pixels are independent of each other. Third differences of the mean of
-    all lines contain hardly any ground texture, because the optics blur it.
+    all lines contain hardly any ground texture, because the optics blur it. The argument `noise`
+    is the variance of the noise of a pixel.
     """
     still = lines.sum(axis=0) / np.float32(len(lines))
     third = still[3:] - still[:-3] - np.float32(3.0) * (still[2:-1] - still[1:-2])
     # The coefficients 1, 3, 3 and 1 have the sum of squares 20.
     variance = float(np.median(third * third)) / (20.0 * _MEDIAN_SQUARE)
-    return min(max(variance - noise_of(lines) / len(lines), 0.0), _UNEQUAL**2)
+    return min(max(variance - noise / len(lines), 0.0), _UNEQUAL**2)
 
 
 @linked
 @kernel
-def assess(lines: Floats, here: Expansion) -> Fit:
+def assess(here: Expansion, pixels: int, noise: float) -> Fit:
     """Return the properties listed in `Fit` for a displacement at a maximum of the likelihood.
 
     Args:
-        lines: logarithm of the gray levels, minus the fixed pattern, shape (m, n).
         here: expansion of the log-likelihood near its maximum, with a finite inverse.
+        pixels: number of pixels n of a line.
+        noise: variance of the noise of a pixel, from `noise_of`.
     """
     cut, edges, moments = here.cut, here.model.edges, here.moments
     weight, information = np.zeros(cut.spectra.shape[1]), np.zeros(len(edges) - 1)
@@ -125,10 +127,10 @@ def assess(lines: Floats, here: Expansion) -> Fit:
         weight[edges[b] : edges[b + 1]] = math.sqrt(gamma / ((1.0 - gamma * gamma) * moments[0, b]))
         gradient[b] = (here.model.rate[edges[b] : edges[b + 1]] ** 2).sum()
         information[b] = gamma * gamma / (1.0 - gamma * gamma) * gradient[b]
-    noise = noise_of(lines) * (window(cut.length) ** 2).sum()
+    noise *= (window(cut.length) ** 2).sum()
     contrast = (moments[1] * gradient).sum() / max(noise * gradient.sum(), 1e-12)
     moved, curvature = _moved(here)
-    parts = _places(here, moved, weight, lines.shape[1])
+    parts = _places(here, moved, weight, pixels)
     energy = np.maximum(parts[:, 1], 0.0)
     total = max(energy.sum(), 1e-12)
     # The observed curvature of noisy lines varies by chance and may even be negative. The factor by
@@ -147,7 +149,7 @@ def assess(lines: Floats, here: Expansion) -> Fit:
     excess = max(offset**2 - spectra.SIGNIFICANT**2 * (scatter * scatter).sum(), 0.0)
     variance += excess
     coherence = moments[1].sum() / max(moments[0].sum(), 1e-9)
-    scaling = _scaling(parts, energy / total, 0.5 * lines.shape[1])
+    scaling = _scaling(parts, energy / total, 0.5 * pixels)
     return Fit(variance, white, features, coherence, contrast, math.sqrt(excess), scaling)
 
 
@@ -233,9 +235,9 @@ def _moved(here: Expansion) -> tuple[Spectrum, float]:
     """
     cut, model = here.cut, here.model
     derivatives = here.inverse[0, 0] * model.along[0] + here.inverse[0, 1] * model.along[1]
-    half = (0.5 * derivatives[cut.line]).astype(np.float32).reshape(-1, 1)
-    white = whiten(half * cut.spectra, cut.first, model.edges, model.bands)
-    moved = half * here.white - white
+    half = (0.5 * derivatives[cut.line]).astype(np.float32)
+    moved = whiten(_scaled(cut.spectra, half), cut.first, model.edges, model.bands)
+    moved = _scaled(here.white, half) - moved
     curvature = 0.0
     for r in range(len(moved)):
         total, z, w = 0.0, cut.spectra[r], moved[r]
@@ -243,6 +245,18 @@ def _moved(here: Expansion) -> tuple[Spectrum, float]:
             total += model.rate[f] ** 2 * (z[f].real * w[f].real + z[f].imag * w[f].imag)
         curvature -= 2.0 * model.along[0, cut.line[r]] * total
     return moved, curvature
+
+
+@kernel
+def _scaled(lines: Spectrum, factors: Floats) -> Spectrum:
+    """Return lines, shape (t, F), multiplied by one real factor each, shape (t,)."""
+    scaled = np.empty_like(lines)
+    for r in range(len(lines)):
+        # As real numbers, because complex factors would double the number of operations.
+        row, own, factor = scaled[r].view(np.float32), lines[r].view(np.float32), factors[r]
+        for i in range(len(row)):
+            row[i] = factor * own[i]
+    return scaled
 
 
 @kernel

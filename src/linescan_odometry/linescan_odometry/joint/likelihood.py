@@ -301,7 +301,9 @@ def _cut(lines: Floats, paths: Doubles, limit: int) -> Cut:
         length = max(0, min(length, n - begin[i:j].max()))
     part = np.zeros((rows, max(length, 1)), np.float32)
     for r in range(rows):
-        part[r, :length] = lines[line[r], begin[r] : begin[r] + length]
+        row, whole = part[r], lines[line[r], begin[r] :]
+        for i in range(length):
+            row[i] = whole[i]
     size = transform_size(max(length, 16))
     cut = spectra.spectra_of(part, window(part.shape[1]), size)
     cut *= phases(fraction, size, cut.shape[1])

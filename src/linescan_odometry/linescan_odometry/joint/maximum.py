@@ -60,6 +60,7 @@ class View(NamedTuple):
         usual: correlations after subtraction of the fixed pattern known before this batch.
         details: limited details of the lines, shape (m, n).
         remainder: correlations of `details`, or `usual` if the batch has few lines.
+        noise: variance of the noise of a pixel in `logs`.
     """
 
     recorded: Lines
@@ -69,6 +70,7 @@ class View(NamedTuple):
     usual: candidates.Correlation
     details: spectra.Floats
     remainder: candidates.Correlation
+    noise: float
 
 
 class Solution(NamedTuple):
@@ -108,6 +110,7 @@ def slow(
     pattern: spectra.FixedPattern,
     layout: candidates.Layout,
     start: tuple[float, spectra.Spectrum],
+    limit: float,
 ) -> Solution:
     """Return the displacement near a candidate, from lines that still contain an unknown pattern.
 
@@ -122,8 +125,11 @@ def slow(
         pattern: fixed pattern before this batch.
         layout: sizes of the batch.
         start: displacement per line of the candidate [px], and the pattern that is subtracted.
+        limit: variance above which the displacement is of no use [px^2]; as soon as it is exceeded,
+            the remaining properties are not computed.
     """
-    gains = max(unequal_pixels(view.logs) * (camera.taper**2).sum(), 1.0 / camera.stated)
+    unequal = unequal_pixels(view.logs, view.noise) * (camera.taper**2).sum()
+    gains = max(unequal, 1.0 / camera.stated)
     known = start[1].real.astype(np.float64) ** 2 + start[1].imag.astype(np.float64) ** 2
     inexact = _INEXACT**2 * spectra.smoothed(known)
     prior = 1.0 / (pattern.precision + 1.0 / max(gains, 1e-12)) + inexact
@@ -132,16 +138,25 @@ def slow(
     share = 1.0 if np.isfinite(motion).all() else 0.0
     if share > 0.0 and layout.lines >= spectra.FEWEST_LINES:
         least, most = static.explained(view.spectra - start[1], motion, layout)
-        share = max(least, most * static.ground_share(rest, prior, dirt, camera.taper, layout))
-    if share <= 0.0:
+        share = max(least, most)
+        if _hidden(motion[0], share) ** 2 <= limit:
+            ground = static.ground_share(rest, prior, dirt, camera.taper, layout, view.noise)
+            share = max(least, most * ground)
+    if share <= 0.0 or _hidden(motion[0], share) ** 2 > limit:
         return Solution(motion, math.inf, 0.0, 0.0, 0.0, NO_DECAY, 0.0, UNSCALED, rest, batch)
-    fit = assess(rest, here)
+    fit = assess(here, layout.pixels, view.noise)
     # At rest all lines are equal, so few features suffice.
     variance = fit.variance if math.isfinite(fit.variance) else fit.white
-    variance += ((abs(motion[0]) + math.sqrt(variance)) * (1.0 / share - 1.0)) ** 2
+    variance += _hidden(abs(motion[0]) + math.sqrt(variance), share) ** 2
     return Solution(
         motion, variance, fit.features, fit.coherence, 0.0, NO_DECAY, 0.0, fit.scaling, rest, batch
     )
+
+
+@kernel
+def _hidden(displacement: float, share: float) -> float:
+    """Return by how much a pattern reduces a displacement if only this share is ground [px]."""
+    return displacement * (1.0 / share - 1.0) if share > 0.0 else math.inf
 
 
 @kernel
@@ -166,7 +181,7 @@ def moving(
     motion, rest, batch, here = _maximize(view, camera, pattern, layout, start, none)
     if not np.isfinite(motion).all():
         return Solution(motion, math.inf, 0.0, 0.0, 0.0, NO_DECAY, 0.0, UNSCALED, rest, batch)
-    fit = assess(rest, here)
+    fit = assess(here, layout.pixels, view.noise)
     rivals = scatter(view.remainder, layout, motion[0], (candidates.LIKELY, candidates.RATIO))
     clear = fit.contrast >= _LEAST_CONTRAST and fit.features >= FEWEST
     slope = 0.0 if clear else _SLOPE

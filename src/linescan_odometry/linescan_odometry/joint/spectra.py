@@ -139,8 +139,23 @@ def spectra_of(logs: Floats, taper: Floats, size: int) -> Spectrum:
         for i in range(len(own)):
             row[i] = (own[i] - mean) * taper[i]
     spectra: Any = np.fft.rfft(padded, size, 1)
-    result: Spectrum = spectra[:, : int(HIGHEST * size)].copy()
+    result = np.empty((len(logs), int(HIGHEST * size)), np.complex64)
+    for k in range(len(logs)):
+        low, every = result[k], spectra[k]
+        for f in range(len(low)):
+            low[f] = every[f]
     return result
+
+
+@kernel
+def power_of(lines: Spectrum) -> Floats:
+    """Return the sum of the powers of lines with spectra of shape (m, F), shape (F,)."""
+    power = np.zeros(lines.shape[1], np.float32)
+    for k in range(len(lines)):
+        row = lines[k]
+        for f in range(len(power)):
+            power[f] += row[f].real * row[f].real + row[f].imag * row[f].imag
+    return power
 
 
 @summing

@@ -16,7 +16,6 @@ import numpy as np
 
 from linescan_odometry.joint import candidates, spectra
 from linescan_odometry.joint.candidates import COMPARED, Correlation, Layout
-from linescan_odometry.joint.fit import noise_of
 from linescan_odometry.joint.spectra import Doubles, Floats, Spectrum
 from omni_core.kernels import kernel, linked
 from omni_core.signals import Lines
@@ -47,7 +46,8 @@ def turning(rest: Correlation, layout: Layout) -> float:
     for which in range(candidates.SPACINGS):
         # For noise alone, the squared coherence of N pairs is 1 / N on average.
         noise = np.float32(1.0 / max(layout.lines - candidates.spacings(layout.lines)[which], 2))
-        square = np.abs(rest.lagged[which, :count]) ** 2 - noise * power
+        value = rest.lagged[which, :count]
+        square = value.real**2 + value.imag**2 - noise * power
         gain = np.sqrt(np.maximum(square / (1.0 - noise), 0.0)).astype(np.float32)
         free = candidates.ratio(rest, layout, gain, 1.0, which)
         largest = max(largest, free - candidates.coherent(rest, layout, 0.0, which))
@@ -72,10 +72,9 @@ def colored(lines: Lines, taper: Floats, layout: Layout, slowly: bool) -> float:
             neighboring lines.
     """
     levels = lines.astype(np.float32)
-    mean = np.float32(max(levels.mean(), 1.0))
     for k in range(len(levels)):
         # The gain of a line, for example under mains light, would color its differences.
-        levels[k] *= mean / np.float32(max(levels[k].mean(), 1.0))
+        levels[k] /= np.float32(max(spectra.sum_of(levels[k]) / layout.pixels, 1.0))
     if slowly:
         modes = min(_SLOW, layout.lines - 1)
         changes, number = _projected(levels, modes), float(modes)
@@ -83,12 +82,12 @@ def colored(lines: Lines, taper: Floats, layout: Layout, slowly: bool) -> float:
         # The differences are a moving average of order 1: N of them count as 2 N / 3 independent
         # ones.
         changes, number = levels[1:] - levels[:-1], (layout.lines - 1) / 1.5
-    transformed = np.abs(spectra.spectra_of(changes, taper, layout.size)) ** 2
+    whole = spectra.power_of(spectra.spectra_of(changes, taper, layout.size))
     number *= (taper**2).sum() / layout.size
     edges, total, logarithm = candidates.bands(layout.size), 0.0, 0.0
     for b in range(len(edges) - 1):
         i, j = edges[b], edges[b + 1]
-        power = max(transformed[:, i:j].sum(), 1e-9)
+        power = max(spectra.sum_of(whole[i:j]), 1e-9)
         total += power
         logarithm += (j - i) * math.log(power / (j - i))
     count = edges[-1] - edges[0]
@@ -115,6 +114,12 @@ def _projected(lines: Floats, count: int) -> Floats:
     return sums
 
 
+@kernel
+def _energy(spectrum: Floats) -> float:
+    """Return the energy of spectra, given as their real and imaginary parts, shape (m, 2 F)."""
+    return spectra.sum_of((spectrum * spectrum).ravel())
+
+
 @linked
 @kernel
 def explained(lines: Spectrum, motion: Doubles, layout: Layout) -> tuple[float, float]:
@@ -138,11 +143,10 @@ def explained(lines: Spectrum, motion: Doubles, layout: Layout) -> tuple[float, 
     seen[:, 0] = 0.0
     slow = min(_SLOW, m - 1)
     number = max(slow, min(_FAST, m // 2))
-    changes = np.abs(_projected(seen.view(np.float32), number).view(np.complex64)) ** 2
-    shifted = (seen * turn).view(np.float32)
-    after = (np.abs(_projected(shifted, slow).view(np.complex64)) ** 2).sum()
-    before, fast = changes[:slow].sum(), changes[slow:].sum()
-    total = (np.abs(seen - seen.sum(axis=0) / np.float32(m)) ** 2).sum()
+    changes = _projected(seen.view(np.float32), number)
+    shifted = _projected((seen * turn).view(np.float32), slow)
+    before, fast, after = _energy(changes[:slow]), _energy(changes[slow:]), _energy(shifted)
+    total = _energy((seen - seen.sum(axis=0) / np.float32(m)).view(np.float32))
     noise = (total - before - fast) / max(m - 1 - number, 1)  # of each mode
     chance = spectra.SIGNIFICANT * noise * math.sqrt(2.0 * slow / use)
     whole = before - slow * noise
@@ -157,7 +161,7 @@ def explained(lines: Spectrum, motion: Doubles, layout: Layout) -> tuple[float, 
 @linked
 @kernel
 def ground_share(
-    lines: Floats, fixed: Doubles, unknown: Doubles, taper: Floats, layout: Layout
+    lines: Floats, fixed: Doubles, unknown: Doubles, taper: Floats, layout: Layout, noise: float
 ) -> float:
     """Return the share of the mean line's power that is ground and not dirt [1].
 
@@ -173,6 +177,7 @@ def ground_share(
         unknown: largest power of dirt that was not subtracted, shape (F,).
         taper: factor of each pixel before the transform, shape (n,).
         layout: sizes of the batch.
+        noise: variance of the noise of a pixel, from `noise_of`.
     """
     mean = lines.sum(axis=0) / np.float32(layout.lines)
     ordered, half = np.sort(mean), layout.pixels // 2
@@ -182,8 +187,9 @@ def ground_share(
     parts[0], parts[1], parts[2] = np.minimum(mean, middle), np.maximum(mean, middle), mean
     # The mean of each line was subtracted, so the first band does not follow the model.
     first, use = candidates.bands(layout.size)[1], int(COMPARED * layout.size)
-    power = np.abs(spectra.spectra_of(parts, taper, layout.size)[:, first:use]) ** 2
-    even = fixed[first:use] + noise_of(lines) * (taper**2).sum() / layout.lines
+    seen = spectra.spectra_of(parts, taper, layout.size)[:, first:use]
+    power = seen.real**2 + seen.imag**2
+    even = fixed[first:use] + noise * (taper**2).sum() / layout.lines
     whole = np.maximum(spectra.smoothed(power[2].astype(np.float64)), 1e-12)
     weight = np.maximum(1.0 - even / whole, 0.0)
     dark = (weight * (power[0] - _HALF * even)).sum()

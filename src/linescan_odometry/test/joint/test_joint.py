@@ -13,7 +13,7 @@ import pytest
 from linescan_odometry.configuration import OdometryConfiguration
 from linescan_odometry.joint import candidates
 from linescan_odometry.joint.estimator import JointEstimator
-from linescan_odometry.joint.fit import _moved, assess, scatter
+from linescan_odometry.joint.fit import _moved, assess, noise_of, scatter
 from linescan_odometry.joint.likelihood import Expansion, expand, whiten
 from linescan_odometry.joint.spectra import shrink, without_defects
 from linescan_odometry.odometry import LineScanOdometry
@@ -222,8 +222,9 @@ def test_the_variance_contains_the_scatter_between_frequency_bands() -> None:
     drift = np.zeros(len(here.model.rate))
     for band, (i, j) in enumerate(itertools.pairwise(here.model.edges)):
         drift[i:j] = 0.3 * (-1.0) ** band  # px per line; opposite in neighboring bands
-    deviation = math.sqrt(assess(logs, here).variance)
-    drifted = math.sqrt(assess(logs, shifted(here, drift)).variance)
+    pixels, noise = logs.shape[1], noise_of(logs)
+    deviation = math.sqrt(assess(here, pixels, noise).variance)
+    drifted = math.sqrt(assess(shifted(here, drift), pixels, noise).variance)
     assert deviation < 0.05
     assert 0.1 < drifted < 0.4
 
