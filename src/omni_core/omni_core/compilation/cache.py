@@ -48,6 +48,24 @@ _LINKAGE = hashlib.sha256(
 _KEPT_VERSIONS = 3  # versions of a kernel on disk, so that another branch need not be compiled
 
 
+_stored_only = False
+
+
+class NotStoredError(Exception):
+    """A kernel would have to be compiled."""
+
+
+@contextlib.contextmanager
+def stored_only() -> Iterator[None]:
+    """Raise `NotStoredError` in the ``with`` block instead of compiling a kernel."""
+    global _stored_only  # noqa: PLW0603
+    _stored_only = True
+    try:
+        yield
+    finally:
+        _stored_only = False
+
+
 class KernelCache(FunctionCache):
     """Cache of numba whose file names contain a digest of the code instead of a line number."""
 
@@ -105,6 +123,8 @@ class KernelCache(FunctionCache):
     def _load_overload(self, sig: Any, target_context: Any) -> Any:
         result = self._load_stored(sig, target_context)
         if result is None:
+            if _stored_only:
+                raise NotStoredError(self._name)
             self._lock(fcntl.LOCK_EX)
             result = self._load_stored(sig, target_context)  # stored meanwhile by another process
             if result is not None:

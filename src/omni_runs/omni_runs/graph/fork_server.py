@@ -6,18 +6,18 @@ its own process group, arguments, environment and streams, and ``ps -e`` and ``p
 of its executable. Executables that are not nodes of this workspace are started as new programs.
 """
 
+import contextlib
 import functools
 import multiprocessing
 import os
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, MutableMapping, Sequence
 from importlib.metadata import EntryPoint, entry_points
 from multiprocessing import forkserver, reduction
 from multiprocessing.context import ForkServerProcess
 from pathlib import Path
 from types import ModuleType
 from typing import Any
-from unittest import mock
 
 from omni_ros.environment import PARENT_PID_VARIABLE, REPORT_VARIABLE
 from omni_ros.start import NODES, start_node
@@ -30,7 +30,7 @@ _READ_AT_START = ("LD_LIBRARY_PATH", "NUMBA_CACHE_DIR", "PYTHONPATH")
 def start_fork_server() -> None:
     """Start the fork server, which ends together with this process and its nodes."""
     multiprocessing.set_forkserver_preload(["omni_runs.graph.preloaded"])
-    with mock.patch.dict(os.environ, {PARENT_PID_VARIABLE: str(os.getpid())}):
+    with replaced(os.environ, PARENT_PID_VARIABLE, str(os.getpid())):
         forkserver.ensure_running()
 
 
@@ -48,9 +48,23 @@ def start_process(
     arguments = (list(command), dict(environment), _Descriptors(descriptors))
     process = ForkServerProcess(target=_become, args=arguments)
     # The program must not run the main module of this process, as processes of multiprocessing do.
-    with mock.patch.dict(sys.modules, {"__main__": ModuleType("__main__")}):
+    with replaced(sys.modules, "__main__", ModuleType("__main__")):
         process.start()
     return process
+
+
+@contextlib.contextmanager
+def replaced(mapping: MutableMapping[str, Any], key: str, value: Any) -> Iterator[None]:
+    """Replace or add an entry of a mapping for the duration of a ``with`` block."""
+    before = mapping.get(key)
+    mapping[key] = value
+    try:
+        yield
+    finally:
+        if before is None:
+            del mapping[key]
+        else:
+            mapping[key] = before
 
 
 class _Descriptors(list[int]):

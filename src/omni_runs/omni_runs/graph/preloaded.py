@@ -1,6 +1,6 @@
-"""Modules of the nodes, imported by the process from which nodes are forked; import it only there.
+"""Modules and kernels of the nodes, loaded by the process from which nodes are forked.
 
-An error of an import is ignored here, since the node itself reports it.
+Import this module only there. An error is ignored here, since the node itself reports it.
 """
 
 import contextlib
@@ -9,11 +9,36 @@ import importlib
 import inspect
 import os
 
+import numpy as np
+
+from omni_core.background import ALONE
+from omni_core.commands.workspace import workspace_folder
 from omni_ros.start import start_lightly
-from omni_runs.graph.fork_server import nodes
+from omni_runs.graph.fork_server import nodes, replaced
 
 # Modules that nodes import in their work; numba.np.arraymath imports scipy.linalg.
 _IMPORTED_LATE = ("numba.np.arraymath", "numpy.ma", "rosbags.typesys.stores.ros2_jazzy")
+
+
+def _load_kernels() -> None:
+    """Load the stored kernels of standard nodes, which would take each node 0.05 to 0.2 s."""
+    from linescan_odometry.odometry import LineScanOdometry
+    from omni_brake_assist.brake_assist import BrakeAssist
+    from omni_core.compilation.cache import stored_only
+    from omni_runs.experiment import ExperimentLibrary
+    from omni_sim.simulator import Simulator
+
+    library = ExperimentLibrary(workspace_folder() / "config")
+    usual = library.load("straight_line")
+    blind = ("simulation.render_lines=false", "feedback=velocity_sensor")
+    with stored_only(), replaced(os.environ, ALONE, "1"):
+        LineScanOdometry(usual.odometry).warm_up()
+        BrakeAssist(usual.brake_assist)
+        simulator = Simulator(library.load("straight_line", overrides=blind))
+        simulator.observe()
+        simulator.advance(np.ones(len(usual.vehicle.wheels)))
+        simulator.observe()
+
 
 os.setpgrp()  # Ctrl-C reaches only the process that ends the nodes
 start_lightly()
@@ -22,5 +47,7 @@ for _name in (*(entry.module for entry in nodes()), *_IMPORTED_LATE):
         importlib.import_module(_name)
 # With its first kernel, numba compiles functions of its own.
 importlib.import_module("omni_sim.ground.friction").FrictionMap().at(0.0, 0.0)
+with contextlib.suppress(Exception):
+    _load_kernels()
 inspect.getframeinfo(inspect.currentframe())  # type: ignore[arg-type] # finds the files of modules
 gc.freeze()

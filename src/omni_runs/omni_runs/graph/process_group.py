@@ -107,10 +107,10 @@ class RunningProcess:
     def note_halt(self) -> bool:
         """Return whether a signal such as SIGSTOP halts the process at present; remember a halt."""
         try:
-            state = Path(f"/proc/{self.pid}/stat").read_text()
+            state = Path(f"/proc/{self.pid}/stat").read_bytes()
         except OSError:  # it has ended
             return False
-        halted = state.rpartition(")")[2].split()[0] == "T"
+        halted = state.rpartition(b")")[2].split()[0] == b"T"
         self._halted |= halted
         return halted
 
