@@ -158,20 +158,21 @@ def _scaling(parts: Doubles, share: Doubles, middle: float) -> Scaling:
     """Return the change of the scale of the view, by regression of displacements on their places.
 
     Args:
-        parts: properties of each ground segment from `_places`, shape (p, 5).
+        parts: properties of each ground segment from `_places`, shape (p, 7).
         share: share of each segment in the coherent energy [1], shape (p,).
         middle: middle of the line [px].
     """
-    places = parts[:, 4] / np.where(parts[:, 1] > 0.0, parts[:, 1], math.inf)
-    place = (share * places).sum()
-    lever = places - place
-    spread = (share * lever * lever).sum()
-    concentration = (share * share).sum()
+    energy = max(parts[:, 1].sum(), 1e-12)
+    place = parts[:, 4].sum() / energy
+    weight = parts[:, 1] / energy
+    lever = parts[:, 4] / energy - place * weight
+    square = parts[:, 5] / energy - 2.0 * place * parts[:, 4] / energy + place**2 * weight
+    spread, concentration = square.sum(), (share * share).sum()
     if not (spread > 0.0 and 0.0 < concentration < 0.5):
         return UNSCALED
-    own = parts[:, 0] - share * parts[:, 0].sum()
-    change = (lever * own).sum() / spread
-    left = lever * (own - share * lever * change)
+    own = parts[:, 6] - place * parts[:, 0] - lever * parts[:, 0].sum()
+    change = own.sum() / spread
+    left = own - square * change
     variance = (left * left).sum() / spread**2 / (1.0 - 2.0 * concentration)
     return Scaling(change, variance, place - middle)
 
@@ -261,12 +262,13 @@ def _scaled(lines: Spectrum, factors: Floats) -> Spectrum:
 
 @kernel
 def _places(here: Expansion, moved: Spectrum, weight: Doubles, pixels: int) -> Doubles:
-    """Return five properties of each of the p ground segments, shape (p, 5).
+    """Return seven properties of each of the p ground segments, shape (p, 7).
 
     Column 0 is the contribution to the Newton step in the displacement d per line [px]. Columns 1
     and 2 are the coherent and the total energy. Column 3 is the derivative of the log-likelihood
-    with respect to d, computed from neighboring lines alone. Column 4 is the coherent energy times
-    the pixel at which it is seen.
+    with respect to d, computed from neighboring lines alone. Columns 4 and 5 are the coherent
+    energy times the pixel at which it is seen, and times the square of this pixel. Column 6 is the
+    contribution of column 0 times the pixel.
 
     Each property is a sum of products of lines over the grid points in a segment. The grid is as
     coarse as the highest frequency allows. The energy is the information
@@ -295,7 +297,7 @@ def _places(here: Expansion, moved: Spectrum, weight: Doubles, pixels: int) -> D
     seen = int(cut.length * scale)
     lowest = math.floor(cut.ground.min() * PLACES / pixels)
     highest = math.floor((cut.ground.max() + cut.length) * PLACES / pixels)
-    parts = np.zeros((highest - lowest + 1, 5))
+    parts = np.zeros((highest - lowest + 1, 7))
     for block in range(len(cut.first) - 1):
         sums = _summed(space, cut.first[block], cut.first[block + 1], seen)
         for p in range(len(parts)):
@@ -304,7 +306,11 @@ def _places(here: Expansion, moved: Spectrum, weight: Doubles, pixels: int) -> D
             j = max(i, min(seen, math.ceil(begin + pixels / PLACES * scale)))
             for which in range(4):
                 parts[p, which] += sums[which, i:j].sum()
-            parts[p, 4] += (sums[1, i:j] * (cut.pixel[block] + np.arange(i, j) / scale)).sum()
+            for g in range(i, j):
+                pixel = cut.pixel[block] + g / scale
+                parts[p, 4] += sums[1, g] * pixel
+                parts[p, 5] += sums[1, g] * pixel**2
+                parts[p, 6] += sums[0, g] * pixel
     # The inverse transform weights every frequency by 2 / size.
     parts *= 0.5 * size
     return parts
