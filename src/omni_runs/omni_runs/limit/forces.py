@@ -125,6 +125,9 @@ class LimitVehicle:
         self._edge = np.roll(self._hull, -1, axis=0) - self._hull
         self._slope, self._offset = self._tangents()
         self.strongest_peak = float(self._offset[-1])
+        # Tangents that programs have needed so far, for each wheel, shape (N, T).
+        self._chosen = np.zeros((len(self.active), len(self._slope)), dtype=np.bool_)
+        self._chosen[:, ::_FIRST] = self._chosen[:, -1] = True
 
     def peak(self, load: FloatArray) -> FloatArray:
         """Return the peak force ``P`` [N] at M loads [N] for the friction factor 1, shape (M,)."""
@@ -292,12 +295,10 @@ class LimitVehicle:
         upper = np.concatenate((high, np.full(wheels, lost), np.full(wheels, math.inf)))
         bounds = np.column_stack((lower, upper))
         cost = np.concatenate((along, passive_along, np.zeros(wheels))) / self.masses.mass
-        chosen = np.zeros((wheels, len(self._slope)), dtype=np.bool_)
         from scipy.optimize import linprog  # slow import, not needed while nodes start
 
-        chosen[:, ::_FIRST] = chosen[:, -1] = True
         while True:
-            rows, right = self._friction_rows(case.friction, chosen)
+            rows, right = self._friction_rows(case.friction, self._chosen)
             rows, right = np.vstack((rows, fixed[0])), np.append(right, fixed[1])
             found = linprog(cost, rows, right, rows_eq, right_eq, bounds)
             if found.x is None:
@@ -306,10 +307,10 @@ class LimitVehicle:
             lines = self._slope * load[:, None] + self._offset
             needed = np.argmin(lines, axis=1)
             excess = np.abs(force) > case.friction * np.min(lines, axis=1) + _FORCE_ERROR
-            new = excess & ~chosen[np.arange(wheels), needed]
+            new = excess & ~self._chosen[np.arange(wheels), needed]
             if not np.any(new):
                 break
-            chosen[np.flatnonzero(new), needed[new]] = True
+            self._chosen[np.flatnonzero(new), needed[new]] = True
         low, high = np.where(np.isfinite(bounds), bounds, 0.0).T
         dual = right @ found.ineqlin.marginals + right_eq @ found.eqlin.marginals
         dual += low @ found.lower.marginals + high @ found.upper.marginals
