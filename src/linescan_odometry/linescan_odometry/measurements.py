@@ -80,7 +80,7 @@ class SensorReading:
             a comparison.
         persistence: smallest correlation of this earlier line with three lines of the batch,
             divided by the correlation of neighboring lines [1].
-        unmatched: whether the lines have contrast but do not match, or their displacement
+        unmatched: whether the lines change but do not match, or their displacement
             contradicts the motion.
         slope: standard deviation of the unknown slope of the texture against the direction across
             the axis [1]; the odometry adds its effect to the variance.
@@ -152,7 +152,7 @@ class Unmeasured(Exception):  # noqa: N818 - not an error: a view may be blank
         Args:
             reason: reason why no velocity was measured.
             inlier_share: share of the line pairs that could be used, 0 to 1.
-            unmatched: whether the lines have contrast but do not match.
+            unmatched: whether the lines change but do not match.
         """
         super().__init__(reason)
         reading = SensorReading.unmeasured(reason, inlier_share=inlier_share)

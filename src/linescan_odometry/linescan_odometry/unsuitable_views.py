@@ -188,9 +188,9 @@ class UnsuitableViews:
     ) -> dict[str, SensorReading]:
         """Return the readings that an oblique texture may have falsified, marked as unmeasured.
 
-        Readings are rejected only if the lines of some camera do not match. If a twist was measured
-        shortly before, only cameras over oblique textures are rejected. Without such a twist, the
-        motion across the axes is unknown, so the readings of all cameras are rejected.
+        If a twist was measured shortly before, only cameras over oblique textures are rejected.
+        Without such a twist, the motion across the axes is unknown. Textures of unknown slope are
+        then rejected, and if the lines of some camera change without a match, all readings are.
 
         Args:
             stamp_ns: stamp of the readings [ns].
@@ -211,7 +211,7 @@ class UnsuitableViews:
         return {
             name: reading.rejected(f"unconfirmed: the texture may be oblique, {cause}")
             for name, reading in readings.items()
-            if reading.measured and (blind or reading.slope > 0.0)
+            if reading.measured and (blind or (name in self._sensors and reading.slope > 0.0))
         }
 
     def _remember(self, stamp_ns: int, twist: FloatArray) -> None:

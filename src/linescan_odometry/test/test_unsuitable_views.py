@@ -181,6 +181,10 @@ def test_a_camera_over_an_oblique_texture_leaves_the_others_unconfirmed() -> Non
     assert "no match for eye" in result["other"].reason
     # A camera without texture gives no information about the ground.
     assert not views.unconfirmed(0, {"eye": SensorReading.unmeasured("dark"), "other": other})
+    faint = dataclasses.replace(other, slope=0.3)
+    dark = SensorReading.unmeasured("dark")
+    assert set(views.unconfirmed(0, {"eye": dark, "other": faint})) == {"other"}
+    assert not UnsuitableViews({}).unconfirmed(0, {"other": faint})
     later = {"eye": rejected, "other": other}
     views.unsuitable(10**9 - 10_000_000, {}, np.zeros(3))
     assert set(views.unconfirmed(10**9, later)) == {"other"}  # a single twist may be accidental
