@@ -92,18 +92,14 @@ class UnsuitableViews:
         """
         if stamp_ns < self._stamp_ns:  # the recording is played again
             self._start_anew()
-        dismissed = {}
-        for name, reading in readings.items():
-            if name not in self._sensors:
-                continue
-            if reading.static_time == 0.0:
-                # Because of noise, a constant view is not recognized in every batch.
-                if stamp_ns - self._static_ns.get(name, stamp_ns) > _GAP_NS:
-                    self._covered.pop(name, None)
-                elif name in self._covered and reading.measured:
-                    dismissed[name] = reading.rejected(self._covered[name])
-                continue
-            self._static_ns[name] = stamp_ns
+        static = {n: r for n, r in readings.items() if n in self._sensors and r.static_time > 0.0}
+        for name in self._sensors.keys() & readings.keys() - static.keys():
+            # Because of noise, a constant view is not recognized in every batch.
+            if stamp_ns - self._static_ns.get(name, stamp_ns) > _GAP_NS:
+                self._covered.pop(name, None)
+        self._static_ns |= dict.fromkeys(static, stamp_ns)
+        sudden = ""
+        for name, reading in static.items():
             along, across = (float(v) for v in self._rows[name] @ self._twist)
             speed = math.hypot(along, across)
             # The last twist is a mean over its batch, so the stop began within that batch.
@@ -111,13 +107,19 @@ class UnsuitableViews:
             elapsed = 1e-9 * (max(stopping, 0) + self._interval_ns)
             possible = _HARDEST_STOP * elapsed + _CERTAIN * self._deviations.get(name, 0.0)
             if speed > possible and self._would_show(name, along, across, reading.static_time):
-                self._covered[name] = (
-                    f"covered: its view does not change, {1e3 * elapsed:.3g} ms after it moved at "
-                    f"{speed:.3g} m/s"
-                )
-            if name in self._covered:
-                dismissed[name] = reading.rejected(self._covered[name])
-        return dismissed
+                sudden = f"{1e3 * elapsed:.3g} ms after it moved at {speed:.3g} m/s"
+                self._covered[name] = f"covered: its view does not change, {sudden}"
+        if sudden:
+            # A vehicle that cannot be at rest turns about one static view at most.
+            stopped = stamp_ns - self._stamp_ns + self._interval_ns
+            also = [n for n, r in static.items() if 1e9 * r.static_time < stopped]
+            reason = f"covered: its view does not change, like that of a camera {sudden}"
+            self._covered = dict.fromkeys(also, reason) | self._covered
+        return {
+            name: readings[name].rejected(reason)
+            for name, reason in self._covered.items()
+            if name in readings and (name in static or readings[name].measured)
+        }
 
     def sloping(
         self, readings: Mapping[str, SensorReading], twist: FloatArray

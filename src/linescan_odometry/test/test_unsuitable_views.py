@@ -105,6 +105,25 @@ def test_a_view_is_covered_if_it_stops_faster_than_with_15_m_s2(
     assert not views.stopped(10**9 + elapsed_ns + 51_000_000, {"eye": reading})
 
 
+@pytest.mark.parametrize(("static_time", "both"), [(0.01, True), (0.04, False)])
+def test_a_vehicle_that_cannot_stop_turns_about_one_static_view_at_most(
+    static_time: float, both: bool
+) -> None:
+    cameras = three(CAMERA)
+    views, twist = UnsuitableViews(cameras), np.array([0.2, 0.4, 0.0])
+    moving = SensorReading(0.2, 0.1**2, 1.0, 1.0, True)  # so uncertain that it could have stopped
+    exact = SensorReading(0.4, 1e-6, 1.0, 1.0, True)
+    for batch in range(2):
+        views.unsuitable(10**9 + 10**7 * batch, {"eye": moving, "front": exact}, twist)
+    rest = SensorReading(0.0, 1e-6, 1.0, 1.0, True, static_time=0.01)
+    stamp_ns = 10**9 + 2 * 10**7
+    assert not views.stopped(stamp_ns, {"eye": rest})
+    longer = dataclasses.replace(rest, static_time=static_time)  # 40 ms: before the motion
+    found = views.stopped(stamp_ns, {"eye": longer, "front": rest})
+    assert set(found) == ({"eye", "front"} if both else {"front"})
+    assert all(reading.reason.startswith("covered: ") for reading in found.values())
+
+
 @pytest.mark.parametrize(("static_time", "covered"), [(0.02, False), (0.03, True)])
 def test_a_static_view_is_covered_after_half_a_width_across(
     static_time: float, covered: bool
