@@ -9,6 +9,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+import pickle
 import resource
 import subprocess
 import sys
@@ -40,10 +41,9 @@ SETTINGS = {
 
 def replay(folder: Path) -> None:
     """Replay the sample in this process, and store a digest of the compiled code."""
-    from numba.core.registry import cpu_target
-
     from linescan_odometry.joint.estimator import _estimate
     from omni_bringup import cli
+    from omni_core.compilation.cache import KernelCache
 
     if DISPATCH in os.environ:
         assert not any(__cpu_features__[name] for name in __cpu_dispatch__)
@@ -51,9 +51,9 @@ def replay(folder: Path) -> None:
     try:
         cli.main(["replay", SAMPLE, *nodes, "--check", "--json", "--out", str(folder)])
     finally:
-        cache, (signature,) = _estimate._cache, _estimate.overloads
-        key = cache._index_key(signature, cpu_target.target_context.codegen())
-        _, ((_, _, (code, _)), *_) = cache._cache_file.load(key)
+        (signature,) = _estimate.overloads
+        stored = pickle.loads(KernelCache(_estimate).file(signature).read_bytes())
+        _, _, ((_, _, (code, _)), *_) = stored
         sections = llvmlite.binding.ObjectFileRef.from_data(code).sections()
         instructions = b"".join(section.data() for section in sections if section.is_text())
         (folder / "code").write_text(hashlib.sha256(instructions).hexdigest())

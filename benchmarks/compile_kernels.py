@@ -27,31 +27,32 @@ _RATIO = 0.7  # limit on the CPU time relative to that of commit a41be7f2 [1]
 
 def compile_all() -> Counter[tuple[str, str]]:
     """Compile every kernel; return the CPU time of each [s], keyed by module and function name."""
-    from numba.core import event
-
     from omni_bringup import warm_up
+    from omni_core.compilation.cache import KernelCache
 
     seconds: Counter[tuple[str, str]] = Counter()
-    callees = [0.0]  # CPU time of nested compilations, for each running compilation
+    running: list[list[Any]] = [[0.0, 0.0]]  # begin of each compilation, time of nested ones
+    load, save = KernelCache.load_overload, KernelCache.save_overload
 
-    class Stopwatch(event.Listener):
-        """Sums the CPU time of each kernel's compilation, without nested compilations."""
+    def begin(cache: KernelCache, *arguments: Any) -> Any:
+        found = load(cache, *arguments)
+        if found is None:
+            running.append([time.process_time(), 0.0])
+        return found
 
-        def on_start(self, event: Any) -> None:
-            callees.append(0.0)
-            event.data["dispatcher"]._began = time.process_time()
+    def end(cache: KernelCache, *arguments: Any) -> None:
+        save(cache, *arguments)
+        began, nested = running.pop()
+        took = time.process_time() - began
+        kernel = cache.dispatcher.py_func
+        seconds[kernel.__module__, kernel.__qualname__] += took - nested
+        running[-1][1] += took
 
-        def on_end(self, event: Any) -> None:
-            dispatcher = event.data["dispatcher"]
-            took = time.process_time() - dispatcher._began
-            kernel = dispatcher.py_func
-            seconds[kernel.__module__, kernel.__qualname__] += took - callees.pop()
-            callees[-1] += took
-
-    with event.install_listener("numba:compile", Stopwatch()):
-        configuration = warm_up.standard_run()
-        warm_up.compile_for_run(configuration)
-        warm_up.compile_others(configuration)
+    watched: Any = KernelCache
+    watched.load_overload, watched.save_overload = begin, end
+    configuration = warm_up.standard_run()
+    warm_up.compile_for_run(configuration)
+    warm_up.compile_others(configuration)
     return seconds
 
 

@@ -35,7 +35,7 @@ class SideslipWheel(Configuration):
     x: float = parameter(unit="m", minimum=-LARGEST_OFFSET, maximum=LARGEST_OFFSET)
     """Position of the wheel contact, forward of base_link"""
     y: float = parameter(unit="m", minimum=-LARGEST_OFFSET, maximum=LARGEST_OFFSET)
-    """Position of the wheel contact, to the left of base_link"""
+    """Position of the wheel contact, left of base_link"""
     steering_deg: float = parameter(0.0, unit="deg", minimum=-180.0, maximum=180.0)
     """Rolling direction, counter-clockwise from the forward direction"""
     minimum_speed: float = parameter(0.5, unit="m/s", above=0.0, maximum=100.0)
@@ -67,51 +67,48 @@ class OdometryConfiguration(Configuration):
     """Optical-flow sensors on the platform; each flow sensor replaces two cameras"""
     method: str = parameter("joint", choices=METHODS)
     """Method that estimates displacements: `joint` maximizes the likelihood of whole batches and
-    estimates the camera's fixed pattern at the same time; `pairs` uses only line pairs and the
-    median filter of section 4.6"""
+    also estimates the camera's fixed pattern; `pairs` uses line pairs and the median filter of
+    section 4.6"""
     metric: str = parameter("pearson", choices=METRIC_NAMES)
     """Similarity metric of lines (section 4.3.2), for the method `pairs`"""
     shift_divisor: float = parameter(2.0, minimum=1.1, maximum=64.0)
     """Divisor k of the limit on the shift between two lines, n / k, where n is the number of
     pixels"""
     search_window: int = parameter(0, unit="px", minimum=0, maximum=16384)
-    """Half width of the search range around the last displacement; all shifts are searched if the
-    best match is at its border or correlates too little, and with 0"""
+    """Half width of the search range around the last displacement; all shifts are searched with 0,
+    and if the best match is at its border or correlates too little"""
     prior_weight: float = parameter(0.0, minimum=0.0, maximum=100.0)
     """Preference for shifts near the last displacement (section 4.6): relative increase of the
     distance measure at a shift that differs from it by the limit on the shift"""
     flat_field_tables: str = parameter("")
-    """Folder with the tables that `omni lines reference` computed from dark and white references
-    or from a recorded motion, one file <sensor>.npz for each camera that has a table; empty for no
-    tables"""
+    """Folder with the tables of `omni lines reference`, one file <sensor>.npz for each camera that
+    has a table; empty for no tables"""
     minimum_correlation: float = parameter(0.4, minimum=0.0, maximum=1.0)
-    """Minimum of Pearson's correlation at the best shift of a line pair; line pairs with a lower
-    correlation are not used"""
+    """Minimum of Pearson's correlation at the best shift of a line pair that is used"""
     median_lines: int = parameter(10, minimum=1, maximum=10000)
-    """Number of consecutive displacements whose median is used to reject outliers (section 4.6)"""
+    """Number of consecutive displacements whose median rejects outliers (section 4.6)"""
     median_tolerance: float = parameter(1.5, unit="px", above=0.0, maximum=100.0)
     """Difference from the median above which a displacement is an outlier"""
     minimum_inlier_share: float = parameter(0.5, above=0.0, maximum=1.0)
-    """Minimum share of usable line pairs in a batch; with a lower share, the batch yields no
-    measurement"""
+    """Minimum share of usable line pairs in a batch, below which it yields no measurement"""
     maximum_acceleration: float = parameter(50.0, unit="m/s^2", minimum=0.0, maximum=1e6)
     """Limit on the plausible acceleration along a sensor's axis; 0 for no limit"""
     maximum_speed: float = parameter(20.0, unit="m/s", above=0.0, maximum=1000.0)
-    """Maximum speed of the vehicle; it determines how fast the covariance of the position grows
-    while the odometry measures no twist"""
+    """Maximum speed of the vehicle, with which the covariance of the position grows while the
+    odometry measures no twist"""
     maximum_yaw_rate: float = parameter(10.0, unit="rad/s", above=0.0, maximum=1000.0)
-    """Maximum yaw rate of the vehicle; it determines how fast the variance of the yaw angle grows
-    while the odometry measures no twist"""
+    """Maximum yaw rate of the vehicle, with which the variance of the yaw angle grows while the
+    odometry measures no twist"""
     cover_detection: bool = parameter(True)
     """Whether a camera is rejected (covered, or oblique texture) if its view does not change while
     the platform moves across its axis; false for grounds with stripes along the path"""
     contradiction_limit: float = parameter(8.0, minimum=0.0, maximum=1000.0)
     """Limit on the deviation of a sensor from the twist of all sensors, in standard deviations;
-    beyond it, the sensor is excluded (five or more sensors) or the covariance is increased (four);
-    0 for no limit"""
+    beyond it, the sensor is excluded (five or more sensors) or the covariance grows (four); 0 for
+    no limit"""
     maximum_skew: float = parameter(0.005, unit="s", above=0.0, maximum=10.0)
     """Limit on the difference between the stamps of batches that are used together; without line
-    cameras, the limit is at least 3/4 of the period of the fastest flow sensor"""
+    cameras at least 3/4 of the period of the fastest flow sensor"""
     minimum_lever: float = parameter(0.02, unit="m", above=0.0, maximum=10.0)
     """Minimum effective lever arm (RMS) that the sensors need to measure the yaw rate"""
     kinematics: KinematicsConfiguration = section(KinematicsConfiguration)

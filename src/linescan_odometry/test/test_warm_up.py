@@ -24,7 +24,7 @@ from omni_core.signals import LineBatch
 
 kept, found = KernelCache.load_overload, []
 def load(cache, *arguments):
-    found.append(cache._py_func.__qualname__)
+    found.append(cache.dispatcher.py_func.__qualname__)
     return kept(cache, *arguments)
 KernelCache.load_overload = load
 

@@ -36,8 +36,8 @@ class AllocationConfiguration(Configuration):
     """Slip at which a tire transmits its largest force: set-point of wheel-slip control, above
     which a wheel counts as sliding; the wheel model and the published error also depend on it"""
     observer_time: float = parameter(0.025, unit="s", minimum=0.001, maximum=1.0)
-    """Time constant of the friction observer, of which those of all other loops are multiples: slip
-    control 0.5, disturbances 2, mass at least 2, return of the heading at least 4"""
+    """Time constant of the friction observer, of which those of all other loops are multiples, see
+    docs/allocation.md"""
     relaxation_speed: float = parameter(3.0, unit="m/s", minimum=0.0, maximum=100.0)
     """Sliding speed that slip control adds to the set-point until the tire has deflected (tire
     relaxation)"""
@@ -47,11 +47,11 @@ class AllocationConfiguration(Configuration):
     deviation_weight: float = parameter(1.2, minimum=0.0, maximum=1.0e6)
     """Weight of heading and line of motion in the quadratic program, relative to the cost 1 of zero
     deceleration; multiplied by the difference between demanded and achieved yaw or lateral
-    acceleration, as a share of what all friction capacities together could cause"""
+    acceleration, as a share of what all friction capacities could cause"""
     locked_share: float = parameter(0.02, minimum=0.0, maximum=1.0)
-    """Share of a speed. If, along the active direction of a wheel, hub and vehicle are slower than
-    this share of the vehicle's speed, the brake of the wheel stays on. A wheel counts as locked if
-    its rim is slower than this share of the rim speed of a rolling wheel"""
+    """Share of a speed. The brake of a wheel stays on if, along its active direction, hub and
+    vehicle are slower than this share of the vehicle's speed. A wheel is locked if its rim is
+    slower than this share of the speed of a rolling one"""
 
 
 class BrakeAssistConfiguration(Configuration):
@@ -62,9 +62,9 @@ class BrakeAssistConfiguration(Configuration):
     enabled: bool = parameter(True)
     """Whether the assistant may release brakes; the errors are computed in either case"""
     law: str = parameter("sliding_mode")
-    """Control law: `sliding_mode` is the law of the dissertation (2013); `allocation` distributes
-    the braking between the wheels according to their friction capacities; `my_module:MyLaw` names
-    your own class, see docs/extending.md"""
+    """Control law: `sliding_mode` of the dissertation (2013); `allocation` distributes the braking
+    according to the friction capacities of the wheels; `my_module:MyLaw` names your own class, see
+    docs/extending.md"""
     weighting: str = parameter("enhanced", choices=WEIGHTINGS)
     """Weighting psi of the parallel component: `zero` keeps the orientation best, `cosine` stops in
     the shortest distance, and `enhanced` is a compromise that depends on `k`"""
@@ -96,8 +96,8 @@ class BrakeAssistConfiguration(Configuration):
     minimum_reference_speed: float = parameter(0.1, unit="m/s", above=0.0, maximum=10.0)
     """Speed at the start of braking below which no line of motion is stored"""
     feedback_timeout: float = parameter(0.05, unit="s", above=0.0, maximum=10.0)
-    """Limit on the age of the twist, the IMU reading and the wheel speeds that are used; with an
-    older twist all brakes are on, unless a current IMU reading allows dead reckoning"""
+    """Limit on the age of the twist, the IMU reading and the wheel speeds; with an older twist all
+    brakes are on, unless a current IMU reading allows dead reckoning"""
     maximum_time_step: float = parameter(0.25, unit="s", above=0.0, maximum=60.0)
     """Limit on the time between two demands, and on the time between two twists over which the
     heading is integrated; after a longer time, a new line of motion is stored"""
@@ -124,8 +124,8 @@ class BrakeAssistConfiguration(Configuration):
     yaw_rate_noise: float = parameter(0.3, unit="rad/s", minimum=0.0, maximum=100.0)
     """Largest change of the yaw rate between two twists that is attributed to noise"""
     fault_detection: bool = parameter(True)
-    """Fault detection: whether the twist is compared with IMU and wheel speeds, which replace a
-    missing twist, and whether the effect of braking is monitored"""
+    """Fault detection: whether twist, IMU and wheel speeds are compared, and replace a missing
+    twist, and whether the effect of braking is monitored"""
     imu_x: float = parameter(0.0, unit="m", minimum=-100.0, maximum=100.0)
     """Position of the IMU, forward of base_link"""
     imu_y: float = parameter(0.0, unit="m", minimum=-100.0, maximum=100.0)
@@ -134,8 +134,8 @@ class BrakeAssistConfiguration(Configuration):
     """Roll, pitch and yaw of the IMU's axes in base_link, as `rpy` of a joint in a URDF but in deg;
     empty if the messages have the axes of base_link"""
     shared_gyro: bool = parameter(False)
-    """Whether the yaw rate of the twist comes from the same IMU as the readings of the assistant,
-    so that it is no second measurement of the yaw rate"""
+    """Whether the yaw rate of the twist comes from the assistant's IMU, so that it is no second
+    measurement"""
     feedback_delay: float = parameter(0.0, unit="s", minimum=0.0, maximum=0.2)
     """Time from the motion that a twist describes to the stamp of the twist; compensated by
     prediction with the IMU"""

@@ -75,15 +75,15 @@ class BrakeConfiguration(Configuration):
 
     kind: str = parameter(ON_OFF, choices=KINDS)
     """Kind of brake: `on_off` for valves that are open if the enable is at least one half;
-    `proportional` for electric brakes or servo valves, which follow any enable; `velocity` for
-    motor drives whose speed command decreases along a ramp"""
+    `proportional` for brakes that follow any enable; `velocity` for motor drives whose speed
+    command decreases along a ramp"""
     resolution: float = parameter(0.0, minimum=0.0, maximum=0.5)
     """Resolution of the enable of a brake of the kind `proportional` (0: continuous)"""
     max_torque: float = parameter(2000.0, unit="N m", minimum=0.0, maximum=1.0e6)
     """Torque of a wheel's brake when the pedal is fully down"""
     max_power: float = parameter(0.0, unit="W", minimum=0.0, maximum=1.0e9)
-    """Limit on the braking power of a wheel (0: no limit). At the limit, a higher speed means less
-    torque, as with a braking electric drive"""
+    """Limit on the braking power of a wheel (0: no limit), at which the torque falls with the
+    speed, as of a braking electric drive"""
     ramp: float = parameter(3.0, unit="m/s^2", above=0.0, maximum=1000.0)
     """Deceleration of the rim that a brake of the kind `velocity` commands when the pedal is fully
     down"""

@@ -50,8 +50,8 @@ class WheelMount(Configuration):
     heading_deg: float = parameter(0.0, unit="deg", minimum=-360.0, maximum=360.0)
     """Rolling direction u of the wheel, counter-clockwise from the forward direction"""
     roller_angle_deg: float = parameter(NO_ROLLERS, unit="deg", minimum=-180.0, maximum=180.0)
-    """Axis of the roller on the ground, counter-clockwise from the rolling direction (gamma: 0
-    for a kiwi drive, +/-45 for Mecanum wheels); required for an omni-wheel"""
+    """Axis of the roller on the ground, counter-clockwise from the rolling direction (gamma: 0 for
+    a kiwi drive, +/-45 for Mecanum wheels); required for an omni-wheel"""
     radius: float = parameter(0.2, unit="m", minimum=1e-3, maximum=10.0)
     """Radius of the unloaded wheel including its rollers"""
     width: float = parameter(0.0, unit="m", minimum=0.0, maximum=10.0)

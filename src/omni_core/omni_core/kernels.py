@@ -17,18 +17,32 @@ from typing import Any, TypeVar, cast
 
 import numba
 
-from omni_core.compilation.calls import linked
-from omni_core.compilation.patches import patch_numba
+from omni_core.compilation.cache import KernelCache
+from omni_core.compilation.code import linked, use_cache
 from omni_core.compilation.references import by_reference
 
 __all__ = ["by_reference", "declares", "inlined", "kernel", "lean", "lean_inline", "linked", "njit"]
 
 _F = TypeVar("_F", bound=Callable[..., Any])
 
-njit = numba.njit
-"""Decorator of numba; importing it from this module activates the cache of `compilation.cache`."""
 
-patch_numba()
+def njit(*functions: Any, cache: bool = False, for_callers: bool = True, **options: Any) -> Any:
+    """Compile a function as numba's decorator does, with the cache of `compilation.cache`.
+
+    Args:
+        functions: the function; none to return a decorator.
+        cache: whether compilations are stored.
+        for_callers: whether other kernels include the code of this one.
+        options: further options of numba.
+    """
+
+    def decorate(function: Any) -> Any:
+        dispatcher = numba.njit(**options)(function)
+        if cache:
+            use_cache(dispatcher, KernelCache(dispatcher, for_callers=for_callers))
+        return dispatcher
+
+    return decorate(*functions) if functions else decorate
 
 
 def _load_transforms() -> None:
@@ -60,7 +74,7 @@ def declares(
     declare = functools.partial(njit, cache=cache, nogil=True, **options)
 
     def decorate(function: _F) -> _F:
-        entry = declare()(function)
+        entry = declare(for_callers=False)(function)
         callee = functools.cache(lambda: declare(no_cpython_wrapper=True)(function))
         entry.get_call_template = lambda *arguments: callee().get_call_template(*arguments)
         entry.get_overload = lambda signature: callee().get_overload(signature)

@@ -81,8 +81,8 @@ class LineSensor(Mount):
     """Line rate"""
     non_uniformity: float = parameter(0.01, minimum=0.0, maximum=1.0)
     """Standard deviation of the pixel gains relative to their mean (photo-response non-uniformity,
-    PRNU, in data sheets according to EMVA 1288); without a white reference, and until the camera
-    has moved, standstill is measured only on ground with a larger relative contrast"""
+    PRNU, of EMVA 1288); without a white reference, and until the camera has moved, standstill is
+    measured only on ground with a larger relative contrast"""
 
     @property
     def pixel_pitch(self) -> float:
@@ -104,8 +104,7 @@ class FlowSensor(Mount):
     """Standard deviation of each velocity component, used if a measurement has no covariance"""
     maximum_speed: float = parameter(0.0, unit="m/s", minimum=0.0, maximum=1000.0)
     """Largest speed that the sensor can measure; a higher measured speed is rejected. For a sensor
-    that measures angular rates, this is the largest rate times the height above the ground; 0 for
-    no limit"""
+    of angular rates, it is the largest rate times the height above the ground; 0 for no limit"""
 
     @property
     def directions(self) -> tuple[float, ...]:

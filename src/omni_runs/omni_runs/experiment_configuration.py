@@ -24,7 +24,7 @@ class ExperimentConfiguration(SimulatorConfiguration):
     feedback: str = parameter("optical")
     """Source of the assistant's twist: `optical` for the line-scan odometry; `velocity_sensor` for
     the sampled velocity sensor with noise, Eqs. (60), (61); `my_module:MyOdometry` for your own
-    class that receives the lines, see docs/extending.md"""
+    class, see docs/extending.md"""
     odometry: OdometryConfiguration = parameter()
     """Line-scan odometry"""
     brake_assist: BrakeAssistConfiguration = parameter()

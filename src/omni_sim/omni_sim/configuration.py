@@ -54,7 +54,7 @@ class SimulationConfiguration(Configuration):
     rest_speed: float = parameter(0.05, unit="m/s", above=0.0, maximum=1.0)
     """Speed below which the vehicle is regarded as at rest"""
     render_lines: bool = parameter(True)
-    """Whether lines of the cameras are rendered and flow sensors are read; if false, the odometry
+    """Whether lines of the cameras are rendered and flow sensors are read; if not, the odometry
     receives no measurements"""
 
     @property

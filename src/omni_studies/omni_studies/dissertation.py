@@ -66,7 +66,7 @@ def page(folder: Path) -> str:
         "`python -m omni_studies.dissertation`; do not edit it.\n"
         '"The text" is V. Kálmán, *On modeling and control of omnidirectional '
         "wheels*, BME Budapest 2013.\n"
-        "`./omni test FILE` runs a test.\n\n"
+        "`./omni` runs what a row shows, a test by `./omni test FILE`.\n\n"
         "| status | rows | meaning |\n|---|---|---|",
         *(f"| {status} | {counts[status]} | {words} |" for status, words in STATUSES.items()),
     ]
@@ -78,7 +78,7 @@ def page(folder: Path) -> str:
         for row in rows:
             study, _, tests = row.command.partition("test ")
             shown = " ".join(
-                [*([f"`./omni {study.strip()}`"] if study else []), *map(_link, tests.split())]
+                [*([f"`{study.strip()}`"] if study else []), *map(_link, tests.split())]
             )
             remark = "; ".join(filter(None, (row.number, row.remark)))
             parts.append(

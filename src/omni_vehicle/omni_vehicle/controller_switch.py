@@ -22,7 +22,7 @@ class SwitchConfiguration(Configuration):
     mecanum_drive_controller; empty if no controller is switched"""
     brake_controller: str = parameter("")
     """Controller that receives the topic commands, active only while braking is demanded; empty if
-    it is always active, because it commands other interfaces than the drive controller"""
+    it is always active, because it commands other interfaces"""
     controller_manager: str = parameter("controller_manager")
     """Name of the controller manager, relative to the namespace of the node"""
     switch_timeout: float = parameter(0.5, unit="s", above=0.0, maximum=10.0)

@@ -138,12 +138,11 @@ class FlowChipConfiguration(Configuration):
     angular_scalar: float = parameter(1.0, minimum=0.872, maximum=1.127)
     """Scale factor of an OTOS's angles"""
     offset_x: float = parameter(0.0, unit="m", minimum=-10.0, maximum=10.0)
-    """Offset x that an OTOS subtracts by itself; 0 if the mounting is given to the odometry or to
-    twist_adapter"""
+    """Offset x that an OTOS itself subtracts; 0 if odometry or twist_adapter has the mounting"""
     offset_y: float = parameter(0.0, unit="m", minimum=-10.0, maximum=10.0)
-    """Offset y that an OTOS subtracts by itself"""
+    """Offset y that an OTOS itself subtracts; 0 if odometry or twist_adapter has the mounting"""
     offset_heading_deg: float = parameter(0.0, unit="deg", minimum=-180.0, maximum=180.0)
-    """Heading that an OTOS subtracts by itself"""
+    """Heading that an OTOS itself subtracts"""
 
     def check_consistency(self) -> None:
         """Check that the configuration contains the calibration that the chip requires."""

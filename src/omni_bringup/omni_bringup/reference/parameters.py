@@ -101,7 +101,7 @@ def _rows(cls: Any, node: str, listed: dict[Any, str], prefix: str = "") -> Iter
 
 
 def _merged(rows: Iterator[str]) -> list[str]:
-    """Return rows in which two parameters share a row if one word of the meaning differs.
+    """Return rows in which two parameters share a row if at most two words of the meaning differ.
 
     Such parameters are, for example, the two coordinates of a position.
     """
@@ -111,10 +111,9 @@ def _merged(rows: Iterator[str]) -> list[str]:
         pairs = list(zip(old[-1].split(), new[-1].split(), strict=False))
         differing = [i for i, (one, other) in enumerate(pairs) if one != other]
         lengths = {len(old[-1].split()), len(new[-1].split())}
-        if old[1:-1] == new[1:-1] and len(differing) == 1 and len(lengths) == 1 and len(pairs) > 1:
-            one, other = pairs[differing[0]]
-            words = [word for word, _ in pairs]
-            words[differing[0]] = f"{one} / {other}"
+        few = 1 <= len(differing) <= 2 < len(pairs)
+        if old[1:-1] == new[1:-1] and few and len(lengths) == 1:
+            words = (one if one == other else f"{one} / {other}" for one, other in pairs)
             merged[-1] = f"| {old[0]}, {' | '.join((*new[:-1], ' '.join(words)))} |"
         else:
             merged.append(row)

@@ -1,7 +1,7 @@
 """Compilation, storage and linkage of numba kernels.
 
-The modules of this package use private interfaces of numba, which change from one series of
-versions to the next.
+The module `code` uses private interfaces of numba, which change from one series of versions to the
+next.
 
 Raises:
     ImportError: the installed numba is of another series.

@@ -21,6 +21,7 @@ import fcntl
 import functools
 import hashlib
 import os
+import pickle
 import re
 import sys
 from collections.abc import Iterable, Iterator
@@ -28,13 +29,12 @@ from pathlib import Path
 from types import CodeType, FunctionType, ModuleType
 from typing import IO, Any, ForwardRef, get_type_hints
 
+import numba
 import numpy as np
-from numba.core.caching import FunctionCache, IndexDataCacheFile
-from numba.core.dispatcher import Dispatcher
-from numba.core.runtime import rtsys
+from numba.extending import is_jitted
 
-from omni_core.compilation import calls, references
-from omni_core.compilation.calls import CompiledKernel, linked_kernels, publish
+from omni_core.compilation import code, references
+from omni_core.files import user_folder
 
 _LIBRARIES = sys.stdlib_module_names | {"llvmlite", "numba", "numpy", "rocket_fft", "scipy"}
 _PLAIN = {bool, bytes, float, int, str, type(None)}
@@ -42,7 +42,7 @@ _DEPTH = 3  # levels of modules in modules, as in numpy.linalg
 # Stored kernels depend on the names and the code of these modules.
 _LINKAGE = hashlib.sha256(
     b"".join(
-        one.__name__.encode() + Path(str(one.__file__)).read_bytes() for one in (calls, references)
+        one.__name__.encode() + Path(str(one.__file__)).read_bytes() for one in (code, references)
     )
 ).hexdigest()
 _KEPT_VERSIONS = 3  # versions of a kernel on disk, so that another branch need not be compiled
@@ -66,36 +66,42 @@ def stored_only() -> Iterator[None]:
         _stored_only = False
 
 
-class KernelCache(FunctionCache):
-    """Cache of numba whose file names contain a digest of the code instead of a line number."""
+class KernelCache:
+    """Stored compilations of a kernel, as numba's dispatcher uses them."""
 
-    def __init__(self, dispatcher: Dispatcher) -> None:
-        # All other attributes are computed at the first call of the kernel. The search for the
-        # folder takes time, and the callees may be defined after the kernel.
-        self._dispatcher, self._py_func = dispatcher, dispatcher.py_func
-        self._name = dispatcher.py_func.__qualname__  # for __repr__
-        self.enable()
+    def __init__(self, dispatcher: Any, *, for_callers: bool = True) -> None:
+        """Create the cache of a kernel, without a search for its folder and callees.
+
+        Args:
+            dispatcher: the kernel.
+            for_callers: whether other kernels include the code of this one.
+        """
+        self.dispatcher, self._for_callers = dispatcher, for_callers
+
+    def __repr__(self) -> str:
+        return f"KernelCache({self.dispatcher.py_func.__qualname__!r})"
 
     @functools.cached_property
-    def _impl(self) -> CompiledKernel:
-        return CompiledKernel(self._py_func)
-
-    @functools.cached_property
-    def _cache_path(self) -> str:
-        return str(self._impl.locator.get_cache_path())
+    def cache_path(self) -> str:
+        """Folder of the stored kernels, which may not be writable."""
+        module = Path(self.dispatcher.py_func.__code__.co_filename)
+        return os.environ.get("NUMBA_CACHE_DIR") or _folder_of(module.parent)
 
     @functools.cached_property
     def _digest(self) -> str:
-        return kernel_digest(self._dispatcher)[:16]
+        return kernel_digest(self.dispatcher)[:16]
 
     @functools.cached_property
-    def _cache_file(self) -> IndexDataCacheFile:
-        version = f"{self._digest}.py{sys.version_info[0]}{sys.version_info[1]}"
-        return IndexDataCacheFile(self._cache_path, f"{self._prefix()}{version}", self._digest)
-
     def _prefix(self) -> str:
-        name = f"{self._py_func.__module__}.{self._py_func.__qualname__}"
-        return re.sub("[<>]", "", name) + "-"
+        function = self.dispatcher.py_func
+        return re.sub("[<>]", "", f"{function.__module__}.{function.__qualname__}") + "-"
+
+    def file(self, signature: Any) -> Path:
+        """Return the file of a compilation for the types of a signature and this processor."""
+        processor = self.dispatcher.targetctx.codegen().magic_tuple()
+        target = f"{signature} {processor} {numba.__version__} {sys.version_info[:2]}"
+        version = f"{self._digest}.{hashlib.sha256(target.encode()).hexdigest()[:16]}"
+        return Path(self.cache_path, f"{self._prefix}{version}.nbc")
 
     def _lock(self, operation: int) -> None:
         """Lock the kernel against other processes, or unlock it.
@@ -106,55 +112,65 @@ class KernelCache(FunctionCache):
         Args:
             operation: `fcntl.LOCK_EX` to lock, `fcntl.LOCK_UN` to unlock.
         """
-        with contextlib.suppress(OSError):  # a file system without locks
-            self._impl.locator.ensure_cache_path()
-            file, place = _lock_file(self._cache_path), int(self._digest[:15], 16)
-            fcntl.lockf(file, operation, 1, place)
+        with contextlib.suppress(OSError):  # a file system without locks, a folder of another user
+            Path(self.cache_path).mkdir(parents=True, exist_ok=True)
+            fcntl.lockf(_lock_file(self.cache_path), operation, 1, int(self._digest[:15], 16))
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
-        """Return the stored kernel for a signature; None if there is none.
-
-        Unlike the method of numba, this one does not load the registries of types, which only
-        compilation needs.
-        """
-        rtsys.initialize(target_context)
-        return self._load_overload(sig, target_context)
-
-    def _load_overload(self, sig: Any, target_context: Any) -> Any:
-        result = self._load_stored(sig, target_context)
+        """Return the stored kernel for a signature; None if there is none."""
+        target_context.refresh()
+        result = self._stored(sig, target_context)
         if result is None:
             if _stored_only:
-                raise NotStoredError(self._name)
+                raise NotStoredError(self.dispatcher.py_func.__qualname__)
             self._lock(fcntl.LOCK_EX)
-            result = self._load_stored(sig, target_context)  # stored meanwhile by another process
+            result = self._stored(sig, target_context)  # stored meanwhile by another process
             if result is not None:
                 self._lock(fcntl.LOCK_UN)
         return result
 
-    def _load_stored(self, sig: Any, target_context: Any) -> Any:
+    def _stored(self, sig: Any, target_context: Any) -> Any:
         try:
-            result = super()._load_overload(sig, target_context)
-        except OSError:  # the folder cannot be read
+            stored = pickle.loads(self.file(sig).read_bytes())
+            result = code.rebuilt(target_context, stored)
+        except OSError:  # there is no such file, or it cannot be read
             return None
         except (ImportError, AttributeError):  # compiled for a class that has been moved or renamed
-            with contextlib.suppress(OSError):  # the folder is not writable
-                self.flush()
             return None
-        if result is not None:
-            publish(self._dispatcher, result, self._digest)
+        except (EOFError, pickle.UnpicklingError):  # damaged by a power failure
+            return None
+        code.publish(self.dispatcher, result, self._digest)
         return result
 
-    def _save_overload(self, sig: Any, data: Any) -> None:
-        publish(self._dispatcher, data, self._digest)
+    def save_overload(self, sig: Any, data: Any) -> None:
+        """Store the compilation of a kernel for a signature, and delete old versions."""
+        code.publish(self.dispatcher, data, self._digest)
+        stored = code.reduced(data, for_callers=self._for_callers)
         with contextlib.suppress(OSError):  # of another user, or a full disk
-            super()._save_overload(sig, data)
+            if stored is not None:
+                _write(self.file(sig), pickle.dumps(stored))
         self._lock(fcntl.LOCK_UN)
-        folder = Path(self._cache_path)
         with contextlib.suppress(OSError):  # another process deletes them, too
-            versions = sorted(folder.glob(f"{self._prefix()}*.nbi"), key=os.path.getmtime)
-            for index in versions[:-_KEPT_VERSIONS]:
-                for file in folder.glob(f"{index.stem}.*"):
+            files = sorted(Path(self.cache_path).glob(f"{self._prefix}*"), key=os.path.getmtime)
+            versions = [file.name.split(".")[-3] for file in files]
+            kept = list(dict.fromkeys(reversed(versions)))[:_KEPT_VERSIONS]
+            for file, version in zip(files, versions, strict=True):
+                if version not in kept:
                     file.unlink()
+
+
+def _write(path: Path, content: bytes) -> None:
+    """Write a file that other processes see only when it is complete."""
+    incomplete = path.with_name(f".{path.name}.{os.getpid()}")
+    incomplete.write_bytes(content)
+    incomplete.replace(path)
+
+
+@functools.cache
+def _folder_of(package: Path) -> str:
+    """Return the folder for the kernels of a package, in which this user can write."""
+    wanted = package / "__pycache__", "~/.cache/omni_sim/kernels"
+    return str(user_folder("omni_kernels", *wanted))
 
 
 @functools.cache
@@ -162,7 +178,7 @@ def _lock_file(folder: str) -> IO[bytes]:
     return Path(folder, "lock").open("ab")
 
 
-def kernel_digest(dispatcher: Dispatcher) -> str:
+def kernel_digest(dispatcher: Any) -> str:
     """Return a digest of the code and constants that a kernel uses, directly or indirectly.
 
     The digest does not depend on the types of the kernel's arguments.
@@ -243,10 +259,10 @@ def _describe(value: Any, callees: list[FunctionType]) -> str:  # noqa: PLR0911
     """Return a text that identifies a value, and append the functions in the value to `callees`."""
     if type(value) in _PLAIN:  # most constants
         return repr(value)
-    if isinstance(value, Dispatcher):
+    if is_jitted(value):
         callees.append(value.py_func)
         options = _describe(value.targetoptions, callees)
-        return f"{value.py_func.__qualname__} {options} {value in linked_kernels}"
+        return f"{value.py_func.__qualname__} {options} {value in code.linked_kernels}"
     if isinstance(value, FunctionType):
         module = value.__module__
         if module.partition(".")[0] not in _LIBRARIES:

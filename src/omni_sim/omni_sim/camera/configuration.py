@@ -68,8 +68,7 @@ class CameraConfiguration(Configuration):
     exposure_time: float = parameter(0.0, unit="s", minimum=0.0, maximum=1.0)
     """Exposure time, centered on the stamp of the line; motion during this time blurs the line"""
     lens: str = parameter(TELECENTRIC, choices=(TELECENTRIC, ORDINARY))
-    """Type of the lens: the magnification of a telecentric lens is the same at every height, and
-    that of an ordinary lens depends on the height"""
+    """Type of the lens: only with an ordinary lens, the magnification depends on the height"""
     working_distance: float = parameter(0.1, unit="m", above=0.0, maximum=10.0)
     """Distance between an ordinary lens and the ground at which the field of view has the
     configured size"""
@@ -79,8 +78,8 @@ class CameraConfiguration(Configuration):
     """Numerical aperture of the lens on the side of the ground, with which the blur out of focus
     grows; 0 for an infinite depth of field"""
     shading: float = parameter(0.0, minimum=0.0, maximum=1.0)
-    """Share of the brightness that is lost at each end of a line (shading); the loss is
-    proportional to the squared distance from the middle"""
+    """Share of the brightness that is lost at each end of a line (shading), in proportion to the
+    squared distance from the middle"""
     dirt_spots: int = parameter(0, minimum=0, maximum=1000)
     """Number of specks of dirt on the optics, at random positions"""
     dirt_size: float = parameter(0.002, unit="m", above=0.0, maximum=1.0)
@@ -92,8 +91,8 @@ class CameraConfiguration(Configuration):
     dark_signal: float = parameter(0.0, minimum=0.0, maximum=100.0)
     """Standard deviation of the pixel offsets (DSNU), in gray levels of an 8-bit scale"""
     dark_steps: float = parameter(0.0, minimum=0.0, maximum=100.0)
-    """Difference between the offsets of neighboring eighths of a line, in gray levels of an 8-bit
-    scale; each eighth is read out by an amplifier of its own"""
+    """Difference between the offsets of neighboring eighths of a line, each read out by an
+    amplifier of its own, in gray levels of an 8-bit scale"""
     stuck_pixels: int = parameter(0, minimum=0, maximum=1000)
     """Number of pixels that are always black or always white"""
     hot_pixels: int = parameter(0, minimum=0, maximum=1000)

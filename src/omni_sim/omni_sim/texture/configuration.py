@@ -50,9 +50,9 @@ class TextureConfiguration(Configuration):
     picture: str = parameter("")
     """File of the ground if `kind` is `picture`: PNG, TIFF or JPEG"""
     dpi: float = parameter(0.0, minimum=0.0, maximum=50000.0)
-    """Dots per inch on the ground. Required for a picture. For a material, 0 means that `texels`
-    sets the resolution; a larger value replaces `texels`, and the period is rounded up to a
-    multiple of 32 dots"""
+    """Dots per inch on the ground, required for a picture. For a material, 0 means that `texels`
+    sets the resolution; a larger value replaces it, and the period is rounded up to a multiple of
+    32 dots"""
 
     def check_consistency(self) -> None:
         """Check that the options of a picture are complete and that the texels are not too many.

@@ -47,7 +47,7 @@ class DriveConfiguration(Configuration):
     """Limit on the mechanical power (0: no limit)"""
     stall_torque: float = parameter(0.0, unit="N m", minimum=0.0, maximum=1.0e7)
     """Torque at rest at the largest voltage, without the limit `max_torque`; the back EMF reduces
-    it in proportion to the speed (0: no limit by the voltage)"""
+    it in proportion to the speed (0: no limit)"""
     no_load_speed: float = parameter(0.0, unit="rad/s", minimum=0.0, maximum=1.0e4)
     """Speed at the largest voltage without torque; belongs to `stall_torque`"""
     current_time: float = parameter(0.0, unit="s", minimum=0.0, maximum=1.0)
@@ -102,9 +102,8 @@ class SuspensionConfiguration(Configuration):
     """Springs between ground and chassis, one for each wheel; none by default."""
 
     stiffness: float = parameter(0.0, unit="N/m", minimum=0.0, maximum=1.0e8)
-    """Vertical stiffness of each wheel with its suspension; 0 for no suspension: the wheel
-    loads are those of a rigid chassis on equal springs, and follow the acceleration with the time
-    constant `load_transfer_time`"""
+    """Vertical stiffness of each wheel with its suspension; 0 for no suspension: the wheel loads
+    are those of a rigid chassis on equal springs, delayed by `load_transfer_time`"""
     damping_ratio: float = parameter(0.3, minimum=0.0, maximum=2.0)
     """Damping ratio of the chassis in heave"""
     pitch_inertia: float = parameter(0.0, unit="kg m^2", minimum=0.0, maximum=1.0e9)
@@ -143,7 +142,7 @@ class VehicleConfiguration(Configuration):
     """Tire of every wheel"""
     wheel_model: str = parameter("single", choices=("single", "rollers", "mujoco"))
     """Wheel model: `single` with one idealized roller (section 2.4.2), `rollers` with individual
-    rollers (section 2.4.1), or `mujoco` with individual rollers in MuJoCo, an optional package"""
+    rollers (section 2.4.1), or `mujoco` with such rollers in MuJoCo, an optional package"""
     contact: str = parameter("ideal", choices=("ideal", "roller"))
     """Contact point of the wheel model `single`: `ideal` under the wheel's center, or `roller`,
     which moves along the roller on the ground and jumps to the next roller, Eqs. (8)-(10)"""
@@ -162,8 +161,8 @@ class VehicleConfiguration(Configuration):
     wheel_inertia: float = parameter(1.0, unit="kg m^2", minimum=1e-6, maximum=1.0e4)
     """Moment of inertia of a wheel about its axis"""
     load_transfer_time: float = parameter(0.02, unit="s", minimum=0.0, maximum=10.0)
-    """Time constant with which the wheel loads follow the acceleration; it represents pitch and
-    roll of a vehicle on its tires"""
+    """Time constant with which the wheel loads follow the acceleration, for pitch and roll on the
+    tires"""
 
     def by_wheel(self, field: str) -> quantities.FloatArray:
         """Return the values of one field of `WheelCondition` for all wheels, shape (N,)."""

@@ -184,7 +184,7 @@ class RollerConfiguration(Configuration):
     rollers are equal"""
     inertia: float = parameter(8.0e-4, unit="kg m^2", minimum=1.0e-7, maximum=10.0)
     """Moment of inertia of a roller about its axis; that of a small roller is less in proportion to
-    the fourth power of its radius, as for cylinders of equal length"""
+    the fourth power of its radius (cylinders of equal length)"""
     stiffness: float = parameter(2.0e6, unit="N/m", minimum=1.0e3, maximum=1.0e8)
     """Stiffness of a roller's tread against horizontal deflection; in the wheel model `rollers`
     it replaces the stiffness of the tire"""
@@ -194,8 +194,8 @@ class RollerConfiguration(Configuration):
     """Range of the wheel angle, before and after each change of rollers, in which both rollers
     carry load, divided by half the angle between two rollers"""
     gap: float = parameter(0.0, unit="m", minimum=0.0, maximum=1.0)
-    """Gap between the ends of two neighboring rollers, measured along the rim, into which the
-    wheel sinks; requires a suspension. With 0, the rollers fill the wheel's circle"""
+    """Gap between the ends of two neighboring rollers along the rim, into which the wheel sinks;
+    requires a suspension; 0 if the rollers fill the circle"""
 
     def check_consistency(self) -> None:
         """Check that rollers that alternate have an even number.

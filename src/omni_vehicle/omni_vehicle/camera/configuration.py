@@ -12,8 +12,8 @@ class CameraConfiguration(Configuration):
     line_scan/<name>/lines"""
     source: str = parameter()
     """Source of the frames: a V4L2 device, such as /dev/video0, or its number; for GenICam, the
-    .cti file of the GenTL producer, optionally followed by # and the serial number of the camera;
-    or a recording, played in real time: a video file, or an array of pictures (.npy)"""
+    .cti file of the GenTL producer, optionally with # and the camera's serial number; or, played in
+    real time, a video file or an array of pictures (.npy)"""
     frame_rate: float = parameter(unit="1/s", above=0.0, maximum=1e5)
     """Frame rate, which is also requested from a device"""
     rows: str = parameter("")
@@ -26,8 +26,8 @@ class CameraConfiguration(Configuration):
     """Time between the rows of a frame if each row is a line, as with a rolling shutter; 0 for a
     constant rate across frames, as in the blocks of a line camera"""
     latency: float = parameter(0.0, unit="s", minimum=0.0, maximum=1.0)
-    """Time from the exposure of a frame's last row to the stamp (of the driver if it provides one,
-    otherwise of the arrival) of the frame"""
+    """Time from the exposure of a frame's last row to its stamp (of the driver, if it provides one,
+    otherwise of the arrival)"""
     batch: float = parameter(0.01, unit="s", above=0.0, maximum=1.0)
     """Time span of the lines in one message"""
     length: float = parameter(0.0, unit="m", minimum=0.0, maximum=1.0)
@@ -38,9 +38,9 @@ class CameraConfiguration(Configuration):
     frame_height: int = parameter(0, unit="px", minimum=0, maximum=16384)
     """Frame height requested from a device; 0 to keep the device's setting"""
     pixel_format: str = parameter("")
-    """Pixel format requested from a device: four characters of V4L2 (GRAY, Y16, YUYV, MJPG), or
-    a name of GenICam (Mono8, Mono12); empty for Mono8 with GenICam, and for the device's own
-    setting with V4L2"""
+    """Pixel format requested from a device: four characters of V4L2 (GRAY, Y16, YUYV, MJPG), or a
+    name of GenICam (Mono8, Mono12); empty for Mono8 with GenICam, and the device's own setting with
+    V4L2"""
     exposure: float = parameter(0.0, unit="s", minimum=0.0, maximum=1.0)
     """Exposure time requested from a device, which disables its automatic exposure; 0 to keep
     the device's setting"""

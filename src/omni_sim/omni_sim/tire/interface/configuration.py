@@ -223,9 +223,6 @@ def curve_coefficients(curve: TMeasyCurve, load_1: float, load_2: float) -> Floa
     return np.array(coefficients)
 
 
-ModelConfiguration = LinearConfiguration | MagicFormulaConfiguration | TMeasyConfiguration
-
-
 class TireConfiguration(Configuration):
     """Parameters of a vehicle's tire, by default TMeasy with the values of Table 1.
 
