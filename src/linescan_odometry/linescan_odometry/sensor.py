@@ -105,9 +105,8 @@ class LineChain:
             self._check_order(batch, last, elapsed)
         late = elapsed - count
         self.joined = last is not None and last.dtype == batch.lines.dtype and abs(late) < 0.5
-        chain: Lines
         if last is not None and self.joined:
-            chain = np.concatenate((last[None], batch.lines))
+            chain: Lines = np.concatenate((last[None], batch.lines))  # type: ignore[assignment]
         else:
             chain = batch.lines.copy()
             restart()

@@ -165,7 +165,7 @@ def find(
         for which in range(SPACINGS):
             for f in range(len(weight)):
                 whitened[which, f] = own.lagged[which, f] * np.float32(whitening[f])
-        correlation = np.fft.irfft(whitened, size, 1)
+        correlation: Floats = np.fft.irfft(whitened, size, 1)  # type: ignore[assignment]  # 32 bits
         stack = np.full(2 * limit + 1, -np.inf)
         for d in range(-limit, limit + 1):
             value, terms = 0.0, 0

@@ -117,7 +117,8 @@ def _projected(lines: Floats, count: int) -> Floats:
 @kernel
 def _energy(spectrum: Floats) -> float:
     """Return the energy of spectra, given as their real and imaginary parts, shape (m, 2 F)."""
-    return spectra.sum_of((spectrum * spectrum).ravel())
+    energy: float = spectra.sum_of((spectrum * spectrum).ravel())
+    return energy
 
 
 @linked
