@@ -14,7 +14,7 @@ from omni_brake_assist.assist_state import Constants, Inputs, LawCall, Memory
 from omni_brake_assist.fail_safe import since
 from omni_brake_assist.filter_bank import state as bank_state
 from omni_brake_assist.filter_bank.bank import estimate
-from omni_brake_assist.laws import built_in, law
+from omni_brake_assist.laws import brake_observer, built_in, law
 from omni_brake_assist.monitors import brake_monitor, effect_monitor
 from omni_core.kernels import inlined, kernel, lean, lean_inline, linked
 from omni_core.quantities import FloatArray, Pair, Triple
@@ -70,8 +70,11 @@ def _receive(constants: Constants, memory: Memory, inputs: Inputs) -> tuple[bool
     """Compute the result of `receive`; kernels of this module can inline this function."""
     ready, first, dt, twist, across, failed = _check_and_estimate(constants, memory, inputs)
     (v_x, v_y, yaw_rate), (p_x, p_y) = twist, across
+    isolated = memory.bank.record[0].best in (bank_state.NO_FORCE, bank_state.NO_IMU)
+    f_x, f_y = (math.nan, math.nan) if isolated else (memory.inertial[1], memory.inertial[2])
     pedal, speeds = inputs.pedal, memory.law_speeds
-    return ready, law.Motion(first, dt, v_x, v_y, yaw_rate, p_x, p_y, pedal, speeds, failed)
+    motion = (first, dt, v_x, v_y, yaw_rate, p_x, p_y, pedal, speeds, failed, f_x, f_y)
+    return ready, law.Motion(*motion)
 
 
 @lean
@@ -252,12 +255,9 @@ def _estimate_motion(
     speeds, inertial, imu_ns = memory.speeds, memory.inertial, inputs.imu.stamp_ns
     fresh, step.imu_ns = imu_ns != step.imu_ns, imu_ns
     age = max(since(inputs.now_ns, imu_ns) * 1e-9, 0.0)
-    released = False
-    for enable in memory.commanded:
-        released = released or enable < 1.0
-    least = UNMEASURED_VARIANCE
-    for j in range(inertial.size):
-        least = min(least, feedback.covariance[j, j])
+    enables, variance = memory.commanded, feedback.covariance
+    released = enables[enables.argmin()] < 1.0
+    least = min(variance[0, 0], variance[1, 1], variance[2, 2])
     validity = VALID if received and least < UNMEASURED_VARIANCE else MISSING
     body, brake = memory.laws.body[0], constants.laws.allocation.brake
     lag = body.dead_time - brake.dead_time if body.responded else bank_state.UNKNOWN_LAG
@@ -287,6 +287,8 @@ def _watch(constants: Constants, memory: Memory, pedal: float, dt: float, twist:
     wheels = brake_monitor.BrakedWheels(memory.commanded, memory.law_speeds, scale)
     if step.dead == 0:
         dead = brake_monitor.watch_brakes(constants.brakes, memory.brakes, dt, pedal, wheels, twist)
+        if dead == law.NO_WHEEL:
+            dead = brake_observer.failed_brake(memory.laws, pedal)
         step.dead = dead + 1
         if dead != law.NO_WHEEL:
             step.assisting = False  # the memory of the law assumes a working brake
@@ -423,9 +425,7 @@ def _is_slow(constants: Constants, step: Any, motion: law.Motion) -> bool:
 
     If it was already slower in the last step, the hysteresis is added to the threshold.
     """
-    limit = constants.speed_threshold
-    if step.slow:
-        limit += constants.speed_hysteresis
+    limit = constants.speed_threshold + step.slow * constants.speed_hysteresis
     step.slow = limit > fastest_wheel(
         constants.r_x, constants.r_y, motion.v_x, motion.v_y, motion.yaw_rate
     )

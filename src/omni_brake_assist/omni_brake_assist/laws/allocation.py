@@ -20,6 +20,7 @@ import numpy as np
 
 from omni_brake_assist.configuration import BrakeAssistConfiguration
 from omni_brake_assist.laws.allocation_state import BODY, WHEEL, Constants, Memory
+from omni_brake_assist.laws.brake_observer import MASS, observe_brakes
 from omni_brake_assist.laws.braking_qp import allocate, new_qp
 from omni_brake_assist.laws.law import ASSIST, NO_HELP, Motion
 from omni_brake_assist.laws.observers import LONGEST_DEAD_TIME, observe
@@ -47,6 +48,8 @@ def make_constants(
         period=configuration.control_period,
         commands=math.ceil(longest / configuration.control_period) + 3,
         brake=NominalBrake(brake.dead_time, brake.time_constant, brake.pressure_step),
+        imu_x=configuration.imu_x,
+        imu_y=configuration.imu_y,
         **vars(configuration.allocation)
         | {"target_slip": configuration.allocation.target_slip * geometry.radius / np.abs(rim)},
     )
@@ -74,9 +77,12 @@ def step(
         body.steps, body.responded, body.dead_time = 0, False, law.brake.dead_time
         body.heading = body.yaw_disturbance = body.lateral_disturbance = 0.0
         body.mass = law.mass
+        body.inverse_mass, body.inverse_variance = 1.0 / law.mass, (MASS / law.mass) ** 2
         memory.sent[:] = memory.qp.solution[:] = wheel["brake"][:] = wheel["force"][:] = 0.0
+        wheel["lost"][:] = wheel["late_brake"][:] = body.contradiction[:] = 0.0
         wheel["capacity"][:] = law.mass * GRAVITY / wheel.size
-    if not observe(law, memory, motion, error) or motion.pedal <= 0.0:
+    enough = observe(law, memory, motion, error) and motion.pedal > 0.0
+    if not enough or (body.steps > 0 and observe_brakes(law, memory, motion)):
         return NO_HELP
     allocate(law, memory, motion)
     control_slip(law, memory, motion, enable)

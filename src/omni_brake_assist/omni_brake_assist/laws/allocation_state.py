@@ -34,6 +34,8 @@ WHEEL = np.dtype(
         ("measured", "f8"),  # friction force over the last period [N]
         ("force", "f8"),  # low-passed friction force [N]
         ("capacity", "f8"),  # estimated friction capacity [N]
+        ("late_brake", "f8"),  # nominal brake force with an additional lag [N]
+        ("lost", "f8"),  # log-likelihood ratio of a brake without torque to a working brake [1]
     ]
 )
 BODY = np.dtype(
@@ -49,6 +51,11 @@ BODY = np.dtype(
         ("yaw_disturbance", "f8"),  # yaw acceleration that friction does not explain [rad/s^2]
         ("lateral_disturbance", "f8"),  # unexplained acceleration across the line [m/s^2]
         ("dead_time", "f8"),  # estimated dead time of the brakes, at least the nominal one [s]
+        # Estimated reciprocal of the mass [1/kg], and its variance [1/kg^2] (`brake_observer`).
+        ("inverse_mass", "f8"),
+        ("inverse_variance", "f8"),
+        # Recent change of the velocity that the specific force does not explain, x, y [m/s].
+        ("contradiction", "f8", 2),
         ("responded", "?"),  # whether the wheels have responded to the brakes
     ]
 )
@@ -72,6 +79,8 @@ class Constants(NamedTuple):
         period: control period, assumed at the first step [s].
         commands: number of stored commands, enough for the longest dead time.
         brake: nominal lag of the brakes.
+        imu_x: position of the IMU relative to the center of the wheels, x [m].
+        imu_y: position of the IMU, y [m].
         target_slip: ratio of the sliding speed to the speed of the rim along the active direction
             at which the tire transmits its largest force [1], shape (N,).
         observer_time: time constant of the friction observer [s].
@@ -95,6 +104,8 @@ class Constants(NamedTuple):
     period: float
     commands: int
     brake: NominalBrake
+    imu_x: float
+    imu_y: float
     target_slip: FloatArray
     observer_time: float
     relaxation_speed: float

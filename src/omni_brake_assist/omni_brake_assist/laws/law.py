@@ -37,6 +37,8 @@ class Motion(NamedTuple):
         pedal: the driver's brake demand, 0 to 1.
         wheel_speed: wheel speeds about the axes [rad/s], NaN where unknown, shape (N,).
         failed_brake: index of the wheel whose brake has failed, NO_WHEEL if all brakes work.
+        force_x: specific force along x in the body frame [m/s^2], NaN where unknown.
+        force_y: specific force along y [m/s^2], NaN where unknown.
     """
 
     first: bool
@@ -49,6 +51,8 @@ class Motion(NamedTuple):
     pedal: float
     wheel_speed: FloatArray
     failed_brake: int = NO_WHEEL
+    force_x: float = math.nan
+    force_y: float = math.nan
 
 
 class Law(Protocol):

@@ -23,16 +23,14 @@ import numpy as np
 
 from omni_brake_assist.configuration import BrakeAssistConfiguration
 from omni_brake_assist.filter_bank.state import RELEASED, SHARE, WHEEL
+from omni_brake_assist.laws.brake_observer import ROLLS, SLOW
 from omni_brake_assist.laws.law import NO_WHEEL
 from omni_core.geometry import PlatformGeometry
 from omni_core.kernels import by_reference, lean
 from omni_core.quantities import FloatArray
 
 _LEAST = 0.15  # smallest share of the full pressure that can cause sliding [1]
-_SLOW = 0.5  # smallest speed along the active direction for the detection [m/s]
-# Deviations of a rim's speed from rolling, in standard deviations of a rolling rim [1]. At the
-# first one, rolling and slip are equally likely. Above the second one, the wheel slides.
-_ROLLS, _SLIDES = 2.5, 9.0
+_SLIDES = 9.0  # deviation from rolling above which a wheel slides, in the unit of `ROLLS` [1]
 _SLIDE_VALIDITY = 0.5  # time for which detected sliding of any wheel remains valid [s]
 
 
@@ -125,15 +123,15 @@ def watch_brakes(
         rim = constants.roll[i] * speeds[i] / (1.0 + wheels.scale)
         behind = hub - rim if hub >= 0.0 else rim - hub
         deviation = behind / (WHEEL + SHARE * abs(hub))
-        command, net, fast = wheels.commanded[i], speeds.size + i, abs(hub) >= _SLOW
+        command, net, fast = wheels.commanded[i], speeds.size + i, abs(hub) >= SLOW
         if fast and pedal * command >= _LEAST and deviation > _SLIDES:
             memory[-1] = 0.0
         acts = command >= 1.0 - RELEASED
         if not acts and memory[net] == 0.0:
             memory[i] = 0.0
         memory[net] = max(memory[net] + (dt if acts else -dt), 0.0)
-        if acts and fast and (memory[-1] < _SLIDE_VALIDITY or abs(deviation) > _ROLLS):
-            memory[i] = max(memory[i] + (1.0 - (deviation / _ROLLS) ** 2) * dt, 0.0)
+        if acts and fast and (memory[-1] < _SLIDE_VALIDITY or abs(deviation) > ROLLS):
+            memory[i] = max(memory[i] + (1.0 - (deviation / ROLLS) ** 2) * dt, 0.0)
         if memory[i] > constants.time:
             return i
     return NO_WHEEL
