@@ -24,10 +24,10 @@ heading with little deceleration, because it has to release brakes on the other 
 On such ice the braked wheels slide. `least_loss` is computed with a share of the wheels that use
 all of their friction. With an IMU, ``c`` decreases to the deceleration on ice, as far as the wheels
 use this share of their friction. The used share of a wheel's friction is its slip divided by
-`target_slip`, at most 1. The velocity that the wheels have before the stop and the integral of the
-IMU's readings give the direction of motion. The wheel with the second smallest slip gives the
-speed, because one encoder may read too much. A wheel whose active direction is nearly perpendicular
-to the motion uses no friction, even if it is locked.
+`target_slip`, at most 1; it is low-passed like the specific force. The velocity that the wheels
+have before the stop and the integral of the IMU's readings give the direction of motion. The wheel
+with the second smallest slip gives the speed, because one encoder may read too much. A wheel whose
+active direction is nearly perpendicular to the motion uses no friction, even if it is locked.
 
 Two more bounds limit how long brakes may be released. The first is the duration of a stop with the
 mean deceleration `least`, extended by `grace`. The second is used only with an IMU: at the end of a
@@ -65,6 +65,7 @@ _LEDGER = np.dtype(
         ("force_x", "f8"),  # low-passed specific force, x [m/s^2]
         ("force_y", "f8"),
         ("slowing", "f8"),  # low-passed decrease of `reach` times `turn` per time [m/s^2]
+        ("used", "f8"),  # low-passed share of the friction that the wheels use [1]
         ("v_x", "f8"),  # velocity before the stop plus its change by the IMU, body frame [m/s]
         ("v_y", "f8"),
         ("stalled", "f8"),  # time without much deceleration at the end of the stop [s]
@@ -182,7 +183,9 @@ def watch_effect(
     ledger.turn = turn
     ledger.speed = max(top, ledger.speed - (loss * dt if known else 0.0) - turned, 0.0)
     _integrate(ledger, dt, inertial)
-    slides = min(_used_friction(constants, ledger, speeds, inertial[0]) / constants.sliding, 1.0)
+    used = _used_friction(constants, ledger, speeds, inertial[0])
+    ledger.used += (1.0 - math.exp(-dt / constants.force_time)) * (used - ledger.used)
+    slides = min(ledger.used / constants.sliding, 1.0)
     expected = pedal * constants.least_loss
     expected += slides * min(constants.sliding * _ICE - expected, 0.0)
     achieved = _achieved(constants, ledger, dt, expected, (force_x, force_y, turned))
