@@ -41,7 +41,10 @@ def estimate(
     braking = readings.pedal > 0.0
     received = twist.validity == VALID
     first = received and not (record.received or braking)
-    if first or not record.begun or not 0.0 <= elapsed <= constants.longest:
+    # What isolated the twist may have been the readings that turn out to be stuck.
+    rejected = record.best in (*bank.TWIST_FAULTS, bank.NO_ESTIMATE)
+    void = readings.stuck and received and rejected
+    if first or void or not record.begun or not 0.0 <= elapsed <= constants.longest:
         if braking and not received:  # the wheels may slide
             record.begun = False
             return bank.NO_ESTIMATE

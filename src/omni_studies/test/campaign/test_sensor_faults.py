@@ -385,6 +385,26 @@ def test_sensors_that_are_stuck_together_make_no_stop_worse(
 
 @pytest.mark.safety(
     "the stop is longer or rotates more",
+    "gyro and all encoders are stuck together during the stop, with the law `sliding_mode`",
+    "input gate and fault isolation: after the stuck readings have been found, the twist that they "
+    "had isolated is used again",
+    within="the whole stop",
+)
+@pytest.mark.parametrize("onset", [0.05, 0.13, 0.3])
+@pytest.mark.parametrize("case", ["straight_line", "diagonal", "six_wheels"])
+def test_stuck_encoders_and_gyro_isolate_the_twist_only_until_they_are_found(
+    stops: FaultyStops, case: str, onset: float
+) -> None:
+    fault = SensorFault("encoder+gyro", "stuck", -1, onset, 0.0, 0.1)
+    stop = stops.run(Setting("sliding_mode", True, case), fault)
+    assert stop.rest
+    assert stop.assisting
+    assert stop.distance <= DISTANCE
+    assert stop.rotation <= ROTATION
+
+
+@pytest.mark.safety(
+    "the stop is longer or rotates more",
     "twist and all encoders are scaled by 0.64 to 0.74 from the start of braking on",
     "effect monitor: the stop has at most 1.5 times the distance",
     within="the whole stop",
