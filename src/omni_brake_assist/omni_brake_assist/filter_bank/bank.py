@@ -43,7 +43,7 @@ def estimate(
     first = received and not (record.received or braking)
     # What isolated the twist may have been the readings that turn out to be stuck.
     rejected = record.best in (*bank.TWIST_FAULTS, bank.NO_ESTIMATE)
-    void = readings.stuck and received and rejected
+    void = readings.stuck and received and rejected and record.equipped
     if first or void or not record.begun or not 0.0 <= elapsed <= constants.longest:
         if braking and not received:  # the wheels may slide
             record.begun = False

@@ -126,13 +126,19 @@ def effect_constants(
     configuration: BrakeAssistConfiguration, geometry: PlatformGeometry
 ) -> EffectConstants:
     """Return the constants of the effect monitor for a configuration and wheel geometry."""
-    allowance = 0.15 + configuration.brake.settling_time
-    reach, least = float(np.max(np.abs(geometry.lever))), least_loss(geometry.rim.size)
+    least = least_loss(geometry.rim.size)
     active = np.column_stack((geometry.active, geometry.lever))
-    slip = configuration.allocation.target_slip * geometry.radius / np.abs(geometry.rim)
-    sliding = least / LEAST_FRICTION
-    rolling = geometry.rim, active, np.linalg.pinv(active), slip
-    return EffectConstants(*rolling, sliding, reach, effect_memory(), allowance, least)
+    return EffectConstants(
+        roll=geometry.rim,
+        active=active,
+        twist=np.linalg.pinv(active),
+        slip=configuration.allocation.target_slip * geometry.radius / np.abs(geometry.rim),
+        sliding=least / LEAST_FRICTION,
+        reach=float(np.max(np.abs(geometry.lever))),
+        empty=effect_memory(),
+        allowance=0.15 + configuration.brake.settling_time,
+        least_loss=least,
+    )
 
 
 def effect_memory() -> NDArray[np.void]:

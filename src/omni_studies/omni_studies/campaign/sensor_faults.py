@@ -270,8 +270,8 @@ class FaultyStops:
             onset = round(float(random.uniform(-1.5, -0.1)), 3)  # before the pedal is pressed
         if extent == "event":
             kind = str(random.choice(list(_EVENTS)))
-            event, *sizes = _EVENTS[kind]
-            place, size = int(random.integers(0, 4)), round(float(random.uniform(*sizes)), 2)
+            event, low, high = _EVENTS[kind]
+            place, size = int(random.integers(0, 4)), round(float(random.uniform(low, high)), 2)
             onset = abs(onset) if kind == "ice" else 0.0
             return SensorFault(event, kind, place % 2 if kind == "ice" else place, onset, size, 0.1)
         if extent == "brake":
