@@ -131,7 +131,7 @@ def effect_constants(
     return EffectConstants(
         roll=geometry.rim,
         active=active,
-        twist=np.linalg.pinv(active),
+        twist=np.asarray(np.linalg.pinv(active), dtype=np.float64),
         slip=configuration.allocation.target_slip * geometry.radius / np.abs(geometry.rim),
         sliding=least / LEAST_FRICTION,
         reach=float(np.max(np.abs(geometry.lever))),
