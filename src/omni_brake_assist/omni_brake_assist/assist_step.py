@@ -173,13 +173,10 @@ def _read_sensors(constants: Constants, memory: Memory, inputs: Inputs, braking:
         inertial[j + 1] = imu.acceleration[j] if known and plausible else math.nan
     if not braking:
         memory.changed_ns[:] = now_ns
-    for j in range(3):
-        inertial[j] = fail_safe.alive(
-            limits, memory.seen, memory.changed_ns, j, now_ns, inertial[j]
-        )
-    for i in range(memory.speeds.size):
-        j, speed = 3 + i, memory.speeds[i]
-        memory.speeds[i] = fail_safe.alive(limits, memory.seen, memory.changed_ns, j, now_ns, speed)
+    step, seen, changed_ns = memory.step[0], memory.seen, memory.changed_ns
+    frozen = fail_safe.drop_frozen(limits, seen[:3], changed_ns[:3], now_ns, inertial)
+    frozen += fail_safe.drop_frozen(limits, seen[3:], changed_ns[3:], now_ns, memory.speeds)
+    step.stuck, step.frozen = frozen > step.frozen, frozen
     return math.isfinite(inertial[0] + inertial[1] + inertial[2])
 
 
@@ -269,7 +266,9 @@ def _estimate_motion(
             constants.bank,
             memory.bank,
             inputs.now_ns,
-            bank_state.Readings(pedal, memory.commanded, inertial, speeds, fresh, age, lag),
+            bank_state.Readings(
+                pedal, memory.commanded, inertial, speeds, fresh, age, lag, step.stuck
+            ),
             TwistSample(feedback.stamp_ns, feedback.value, feedback.covariance, validity),
             memory.answer,
         )

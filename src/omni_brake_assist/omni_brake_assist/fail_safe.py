@@ -323,6 +323,22 @@ def alive(
 
 
 @lean
+def drop_frozen(
+    limits: Limits, seen: FloatArray, changed_ns: IntArray, now_ns: int, values: FloatArray
+) -> int:
+    """Replace each reading that `alive` rejects by NaN; return the number of these readings.
+
+    The arguments are those of `alive`, for all readings; `values` is changed in place.
+    """
+    frozen = 0
+    for j in range(values.size):
+        value = alive(limits, seen, changed_ns, j, now_ns, values[j])
+        frozen += math.isfinite(values[j]) and math.isnan(value)
+        values[j] = value
+    return frozen
+
+
+@lean
 def _accept(limits: Limits, gate: Any, stamp_ns: int, twist: FloatArray, braking: bool) -> None:
     """Store a valid twist; open the gate after `recovery_count` valid twists in a row."""
     if gate.known and stamp_ns == gate.last_ns:

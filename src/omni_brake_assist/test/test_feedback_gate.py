@@ -22,7 +22,7 @@ from made_demands import (
 from omni_brake_assist.brake_assist import BrakeAssist, BrakeDemand
 from omni_brake_assist.conditions import AssistState
 from omni_brake_assist.configuration import BrakeAssistConfiguration
-from omni_brake_assist.fail_safe import alive, make_limits
+from omni_brake_assist.fail_safe import alive, drop_frozen, make_limits
 from omni_core.signals import TwistSample
 
 
@@ -202,3 +202,16 @@ def test_a_reading_that_never_changes_is_missing(
     frozen = np.isnan(found)
     assert not np.any(frozen[: round(limits.frozen_time * 1e9 / PERIOD_NS)])
     assert bool(frozen[-1]) is missing
+
+
+def test_readings_that_never_change_are_counted(mecanum: Wheels) -> None:
+    """Two readings are stuck, one of which is already missing; the third one changes."""
+    limits = make_limits(BrakeAssistConfiguration(wheels=mecanum), 1.0)
+    seen, changed_ns = np.zeros(3), np.zeros(3, np.int64)
+    counts = []
+    for k in range(40):
+        values = np.array([2.0, np.nan, 2.0 + 1e-3 * k])
+        counts.append(drop_frozen(limits, seen, changed_ns, k * PERIOD_NS, values))
+        assert bool(np.isnan(values[0])) is bool(counts[-1])
+    assert counts[0] == 0
+    assert counts[-1] == 1

@@ -43,6 +43,11 @@ no reading or, unless only its yaw rate is isolated, no released wheel rolls. Al
 in the first and the third case, they act until the pedal is released. Without an IMU, only the
 wheels can show that the twist is faulty.
 
+A reading that does not change for long is missing from then on. It was wrong before, and may have
+isolated the twist: if the twist is isolated, or too many sources seem faulty, all filters are then
+initialized again with the twist. This requires an IMU, because otherwise nothing else measures the
+motion.
+
 The filters run at the time of validity of the newest twist (delayed fusion horizon). With the
 readings of gyro and accelerometer, the estimate is predicted from that time to the present.
 """

@@ -40,7 +40,7 @@ def estimate(
     elapsed = (now_ns - memory.stamps[memory.newest[0]]) * 1e-9
     braking = readings.pedal > 0.0
     received = twist.validity == VALID
-    first = received and not (record.received or braking)
+    first = received and _is_first(memory, readings, braking)
     if first or not record.begun or not 0.0 <= elapsed <= constants.longest:
         if braking and not received:  # the wheels may slide
             record.begun = False
@@ -74,6 +74,19 @@ def estimate(
         _keep_precise(constants, memory, best, twist, answer)
     _add_precise(constants, memory, now_ns, best, answer)
     return best
+
+
+@lean
+def _is_first(memory: BankMemory, readings: bank.Readings, braking: bool) -> bool:
+    """Return whether a received twist initializes the filters.
+
+    It does if it is the first one while the pedal is up, or if readings that turn out to be stuck
+    may have isolated it.
+    """
+    record = memory.record[0]
+    rejected = record.best in (*bank.TWIST_FAULTS, bank.NO_ESTIMATE)
+    first = not (record.received or braking)
+    return bool(first or (readings.stuck and record.equipped and rejected))
 
 
 @lean

@@ -86,6 +86,7 @@ class Readings(NamedTuple):
         fresh: whether the yaw rate has not been used in an earlier step.
         age: time since the newest IMU reading [s].
         lag: estimated dead time of the brakes in excess of the configured one [s].
+        stuck: whether a reading is missing from now on, because it has not changed for long.
     """
 
     pedal: float
@@ -95,6 +96,7 @@ class Readings(NamedTuple):
     fresh: bool = True
     age: float = 0.0
     lag: float = UNKNOWN_LAG
+    stuck: bool = False
 
 
 @by_reference

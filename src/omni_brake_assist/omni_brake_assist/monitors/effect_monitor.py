@@ -21,6 +21,14 @@ The deceleration ``c`` is `least_loss`, scaled by the pedal position. It does no
 decelerations in the stop: on ice under one side of the vehicle, the assistant can only keep the
 heading with little deceleration, because it has to release brakes on the other side.
 
+On such ice the braked wheels slide. `least_loss` is computed with a share of the wheels that use
+all of their friction. With an IMU, ``c`` decreases to the deceleration on ice, as far as the wheels
+use this share of their friction. The used share of a wheel's friction is its slip divided by
+`target_slip`, at most 1; it is low-passed like the specific force. The velocity that the wheels
+have before the stop and the integral of the IMU's readings give the direction of motion. The wheel
+with the second smallest slip gives the speed, because one encoder may read too much. A wheel whose
+active direction is nearly perpendicular to the motion uses no friction, even if it is locked.
+
 Two more bounds limit how long brakes may be released. The first is the duration of a stop with the
 mean deceleration `least`, extended by `grace`. The second is used only with an IMU: at the end of a
 stop, the deceleration may be small for at most the time constant of the specific force's low-pass.
@@ -38,10 +46,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omni_brake_assist.configuration import BrakeAssistConfiguration
-from omni_brake_assist.filter_bank.state import least_loss
+from omni_brake_assist.filter_bank.state import LEAST_FRICTION, least_loss
 from omni_core.geometry import PlatformGeometry
 from omni_core.kernels import by_reference, lean
-from omni_core.quantities import FloatArray, Triple
+from omni_core.quantities import GRAVITY, FloatArray, Pair, Triple
 
 _LEDGER = np.dtype(
     [
@@ -57,13 +65,18 @@ _LEDGER = np.dtype(
         ("force_x", "f8"),  # low-passed specific force, x [m/s^2]
         ("force_y", "f8"),
         ("slowing", "f8"),  # low-passed decrease of `reach` times `turn` per time [m/s^2]
+        ("used", "f8"),  # low-passed share of the friction that the wheels use [1]
+        ("v_x", "f8"),  # velocity before the stop plus its change by the IMU, body frame [m/s]
+        ("v_y", "f8"),
         ("stalled", "f8"),  # time without much deceleration at the end of the stop [s]
     ]
 )
 
-# Share of the initial speed below which a speed is small, and share of the smallest deceleration of
-# a braked vehicle below which a deceleration is small [1].
+# Share of the initial speed below which a speed is small, share of the smallest deceleration of a
+# braked vehicle below which a deceleration is small, and share of the speed below which its
+# component along an active direction is small [1].
 _LITTLE = 0.3
+_ICE = 0.05 * GRAVITY  # deceleration of a vehicle on wet ice if all wheels slide [m/s^2]
 
 
 @by_reference
@@ -72,6 +85,11 @@ class EffectConstants(NamedTuple):
 
     Attributes:
         roll: speed of the rim along the active direction per wheel speed [m], shape (N,).
+        active: speed of each wheel's hub along its active direction per body twist, columns x, y
+            [1] and yaw rate [m], shape (N, 3).
+        twist: pseudo-inverse of `active`, shape (3, N).
+        slip: slip at which a rim uses all of its friction [1], shape (N,).
+        sliding: share of the friction of all wheels that `least_loss` assumes [1].
         reach: largest speed of a rolling rim per yaw rate [m].
         empty: initial record of the memory, which is copied for a reset, shape (1,).
         allowance: missed distance that is allowed per initial speed, because brakes act with a
@@ -87,6 +105,10 @@ class EffectConstants(NamedTuple):
     """
 
     roll: FloatArray
+    active: FloatArray
+    twist: FloatArray
+    slip: FloatArray
+    sliding: float
     reach: float
     empty: NDArray[np.void]
     allowance: float
@@ -104,9 +126,19 @@ def effect_constants(
     configuration: BrakeAssistConfiguration, geometry: PlatformGeometry
 ) -> EffectConstants:
     """Return the constants of the effect monitor for a configuration and wheel geometry."""
-    allowance = 0.15 + configuration.brake.settling_time
-    reach, least = float(np.max(np.abs(geometry.lever))), least_loss(geometry.rim.size)
-    return EffectConstants(geometry.rim, reach, effect_memory(), allowance, least)
+    least = least_loss(geometry.rim.size)
+    active = np.column_stack((geometry.active, geometry.lever))
+    return EffectConstants(
+        roll=geometry.rim,
+        active=active,
+        twist=np.asarray(np.linalg.pinv(active), dtype=np.float64),
+        slip=configuration.allocation.target_slip * geometry.radius / np.abs(geometry.rim),
+        sliding=least / LEAST_FRICTION,
+        reach=float(np.max(np.abs(geometry.lever))),
+        empty=effect_memory(),
+        allowance=0.15 + configuration.brake.settling_time,
+        least_loss=least,
+    )
 
 
 def effect_memory() -> NDArray[np.void]:
@@ -146,6 +178,7 @@ def watch_effect(
         memory[0] = constants.empty[0]
         ledger.start = ledger.speed = ledger.mean_speed = top
         ledger.turn = turn
+        ledger.v_x, ledger.v_y = _rolling_velocity(constants, speeds)
         return False
     ledger.elapsed += dt
     ledger.demanded += pedal * dt
@@ -155,7 +188,13 @@ def watch_effect(
     turned = turned if math.isfinite(turned) else 0.0
     ledger.turn = turn
     ledger.speed = max(top, ledger.speed - (loss * dt if known else 0.0) - turned, 0.0)
-    achieved = _achieved(constants, ledger, dt, pedal, (force_x, force_y, turned))
+    _integrate(ledger, dt, inertial)
+    used = _used_friction(constants, ledger, speeds, inertial[0])
+    ledger.used += (1.0 - math.exp(-dt / constants.force_time)) * (used - ledger.used)
+    slides = min(ledger.used / constants.sliding, 1.0)
+    expected = pedal * constants.least_loss
+    expected += slides * min(constants.sliding * _ICE - expected, 0.0)
+    achieved = _achieved(constants, ledger, dt, expected, (force_x, force_y, turned))
     length = pedal * ledger.speed * dt
     if released:
         ledger.missed += (1.0 - achieved) * length
@@ -170,10 +209,61 @@ def watch_effect(
 
 
 @lean
-def _achieved(
-    constants: EffectConstants, ledger: Any, dt: float, pedal: float, lost: Triple
+def _rolling_velocity(constants: EffectConstants, speeds: FloatArray) -> Pair:
+    """Return the velocity of a vehicle whose wheels roll, body frame [m/s]."""
+    v_x = v_y = 0.0
+    for i in range(speeds.size):
+        v_x += constants.twist[0, i] * constants.roll[i] * speeds[i]
+        v_y += constants.twist[1, i] * constants.roll[i] * speeds[i]
+    return v_x, v_y
+
+
+@lean
+def _integrate(ledger: Any, dt: float, inertial: FloatArray) -> None:
+    """Advance the velocity of the memory by one step with the readings of the IMU."""
+    c, s = math.cos(inertial[0] * dt), math.sin(inertial[0] * dt)
+    v_x, v_y = ledger.v_x, ledger.v_y
+    ledger.v_x = c * v_x + s * v_y + inertial[1] * dt
+    ledger.v_y = c * v_y - s * v_x + inertial[2] * dt
+
+
+@lean
+def _used_friction(
+    constants: EffectConstants, ledger: Any, speeds: FloatArray, rate: float
 ) -> float:
-    """Return the deceleration divided by the smallest one with working brakes, 0 to 1.
+    """Return the share of the friction that the wheels use, 0 if it is unknown [1].
+
+    Args:
+        constants: constants of the vehicle.
+        ledger: record of the memory.
+        speeds: current wheel speeds [rad/s], shape (N,); NaN where unknown.
+        rate: yaw rate [rad/s], NaN if unknown.
+    """
+    size = math.hypot(ledger.v_x, ledger.v_y)
+    if not size > 0.0:
+        return 0.0
+    x, y = ledger.v_x / size, ledger.v_y / size
+    fastest = speed = used = 0.0
+    for i in range(speeds.size):
+        n_x, n_y, lever = constants.active[i]
+        along = n_x * x + n_y * y
+        if abs(along) > _LITTLE and math.isfinite(speeds[i]):
+            rolled = (constants.roll[i] * speeds[i] - lever * rate) / along
+            fastest, speed = max(fastest, rolled), max(speed, min(fastest, rolled))
+    for i in range(speeds.size):
+        n_x, n_y, lever = constants.active[i]
+        hub = abs((n_x * x + n_y * y) * speed + lever * rate)
+        rim = abs(constants.roll[i] * speeds[i])
+        if hub > rim and hub > _LITTLE * speed:
+            used += (hub - rim) / max(constants.slip[i] * rim, hub - rim)
+    return used / speeds.size
+
+
+@lean
+def _achieved(
+    constants: EffectConstants, ledger: Any, dt: float, expected: float, lost: Triple
+) -> float:
+    """Return the deceleration divided by the expected one, 0 to 1.
 
     The module's docstring defines both quantities.
 
@@ -181,7 +271,7 @@ def _achieved(
         constants: constants of the vehicle.
         ledger: record of the memory, changed in place.
         dt: length of the step [s].
-        pedal: the driver's brake demand [1].
+        expected: smallest deceleration with working brakes [m/s^2].
         lost: specific force along x and y [m/s^2], NaN where unknown, and decrease of the speed of
             the wheels about their center in this step [m/s].
     """
@@ -196,5 +286,5 @@ def _achieved(
         ledger.force_y += follow * (force_y - ledger.force_y)
         ledger.slowing += turned / time - follow * ledger.slowing
         loss = math.hypot(ledger.force_x, ledger.force_y) + max(ledger.slowing, 0.0)
-    least = constants.least_loss * pedal * settled
+    least = expected * settled
     return min(max(loss / least, 0.0), 1.0) if least > 0.0 else 1.0

@@ -56,8 +56,11 @@ def trip_time(
         rolls: number of wheels that roll; the others are locked.
     """
     ledger, speed = effect_memory(), START
-    roll = np.where(np.arange(constants.roll.size) < rolls, 1.0, 0.0) / constants.roll
-    watch_effect(constants, ledger, DT, 0.0, False, speed / constants.roll, UNKNOWN)
+    motion = np.nan_to_num(direction)
+    rim = constants.active @ np.array([np.cos(motion), np.sin(motion), 0.0])
+    rolling = rim / np.max(np.abs(rim)) / constants.roll
+    roll = np.where(np.arange(constants.roll.size) < rolls, rolling, 0.0)
+    watch_effect(constants, ledger, DT, 0.0, False, speed * rolling, UNKNOWN)
     for step in range(1, 3000):
         late = step * DT > 0.5
         loss = later if late else first
@@ -147,7 +150,37 @@ def test_a_vehicle_that_stops_losing_speed_is_braked(
 
 
 def test_one_wheel_that_rolls_is_enough_to_detect_it(constants: EffectConstants) -> None:
-    assert trip_time(constants, 4.0, 0.3, rolls=1) < 3.0
+    assert trip_time(constants, 4.0, 0.3, direction=np.nan, rolls=1) < 3.0
+    assert trip_time(constants, 4.0, 0.1, rolls=1) < 3.0
+
+
+@pytest.mark.safety(
+    "the stop is longer or rotates more",
+    "ice under one side of the vehicle, whose braked wheels slide",
+    "effect monitor: assistance is not ended",
+    within="the whole stop",
+)
+@pytest.mark.parametrize("rolls", [2, 3])
+def test_ice_on_which_half_of_the_wheels_slide_does_not_end_the_assistance(
+    constants: EffectConstants, rolls: int
+) -> None:
+    due = constants.grace + START / constants.least
+    later = 0.5  # less than half of the least deceleration on slippery ground
+    found = trip_time(constants, 4.0, later, rolls=rolls)
+    assert found >= due if rolls == 2 else found < 5.0
+
+
+def test_locked_wheels_across_the_motion_are_no_sign_of_ice(
+    constants: EffectConstants,
+) -> None:
+    """Two wheels cannot brake the diagonal motion; the other two roll."""
+    ledger, motion = effect_memory(), np.array([START, START, 0.0]) / np.sqrt(2.0)
+    rim = constants.active @ motion
+    speeds = np.where(np.abs(rim) > 0.1, rim, 0.0) / constants.roll
+    watch_effect(constants, ledger, DT, 0.0, False, rim / constants.roll, np.zeros(3))
+    force = np.array([0.0, -0.1, -0.1])
+    found = [watch_effect(constants, ledger, DT, 1.0, True, speeds, force) for _ in range(100)]
+    assert found.index(True) <= 40
 
 
 @pytest.mark.parametrize(

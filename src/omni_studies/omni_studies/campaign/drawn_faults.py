@@ -9,7 +9,9 @@ import numpy as np
 from omni_runs.compiled import FastRun
 from omni_sim.configuration import GroundConfiguration
 from omni_sim.ground.configuration import FrictionPatch
+from omni_sim.masses import MassConfiguration
 from omni_sim.sensor_configuration import FaultConfiguration
+from omni_sim.vehicle.configuration import VehicleConfiguration
 
 SIZES = {
     "twist": (0.1, 5.0),
@@ -32,13 +34,16 @@ class SensorFault(NamedTuple):
     """A fault of sensors or a brake.
 
     Attributes:
-        channel: faulty channel, channels joined by ``+``, ``brake``, or ``ground`` for an event.
+        channel: faulty channel, channels joined by ``+``, ``brake``, or for an event ``ground`` or
+            ``load``.
         kind: kind of the fault: a value of `FaultConfiguration.kind`, the field of
-            `WheelCondition` that a brake fault sets, or ``ice``.
-        axis: index of the faulty axis or wheel, -1 for all; side of the ice, 0 for the left.
+            `WheelCondition` that a brake fault sets, ``ice`` or ``payload``.
+        axis: index of the faulty axis or wheel, -1 for all; side of the ice, 0 for the left; corner
+            of the payload, counter-clockwise from the front left.
         onset: time from pressing the pedal to the fault [s].
         amplitude: size of the fault in the unit of the first channel; `configurations` derives the
-            size in the other channels. Friction of ice relative to the ground [1].
+            size in the other channels. Friction of ice relative to the ground, and mass of the
+            payload relative to that of the vehicle [1].
         period: duration of a ramp, period of a sine or square wave, or length of a delay [s].
         burst: duration of an intermittent fault, and time until the next one [s]; 0 if the fault
             is permanent.
@@ -115,3 +120,22 @@ def with_ice(
         friction=fault.amplitude * ground.friction,
     )
     return dataclasses.replace(ground, patches={**ground.patches, "ice": ice})
+
+
+def with_payload(vehicle: VehicleConfiguration, fault: SensorFault) -> VehicleConfiguration:
+    """Return the vehicle with a further load at a corner, of which the assistant does not know.
+
+    The load is halfway between the center and the corner of the chassis. It is a point mass at the
+    height of the center of gravity of the vehicle's body.
+    """
+    ahead, left = 1.0 if fault.axis in (0, 3) else -1.0, 1.0 if fault.axis < 2 else -1.0
+    old, mass = vehicle.load, fault.amplitude * vehicle.body.mass
+    share = mass / (mass + old.mass)
+    load = MassConfiguration(
+        mass=mass + old.mass,
+        x=old.x + share * (vehicle.chassis_x + 0.25 * ahead * vehicle.chassis_length - old.x),
+        y=old.y + share * (vehicle.chassis_y + 0.25 * left * vehicle.chassis_width - old.y),
+        height=old.height + share * (vehicle.body.height - old.height),
+        yaw_inertia=old.yaw_inertia,
+    )
+    return dataclasses.replace(vehicle, load=load)

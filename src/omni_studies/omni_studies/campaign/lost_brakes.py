@@ -31,8 +31,8 @@ def metrics(stops: Sequence[StopWithFault]) -> dict[str, Metric]:
         found |= _at_rest(f"{law}_three_wheels", [stop for stop in three if stop.law == law])
     groups: dict[str, list[StopWithFault]] = {}
     for stop in stops:
-        if stop.counted and stop.extent == "event":
-            groups.setdefault(f"{stop.group}_{stop.kind}", []).append(stop)
+        if stop.counted and stop.kind == "ice":
+            groups.setdefault(stop.group, []).append(stop)
     for stop in lost:
         if stop.counted and stop.case != THREE_WHEELS:
             when = "during" if stop.onset >= 0.0 else "before"

@@ -5,8 +5,8 @@ The seed determines the law, whether the vehicle has an IMU, the vehicle and its
 or three channels with the same kind and onset, like a failure of a shared supply, clock or
 calibration. Every third of these faults is intermittent. A `brake` fault affects the brake of one
 wheel, before or during the stop. An `event` is ice under one side of the vehicle, from the middle
-of the stop on. For every eighth seed, a search for a worse fault changes one entry of the fault at
-a time.
+of the stop on, or a payload at one corner, of which the assistant does not know. For every eighth
+seed, a search for a worse fault changes one entry of the fault at a time.
 
 Stops with sensor faults are compared with the longer distance and the larger rotation of two stops
 without the fault, unassisted and assisted. Stops with brake faults or events are compared with
@@ -16,7 +16,7 @@ unassisted braking with the same fault or event.
 import dataclasses
 import math
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -51,7 +51,9 @@ EXTENTS = ("single", "single", "single", "pair", "triple", "brake", "brake", "ev
 
 _PERIODS = 0.02, 0.6  # shortest period, of two samples, and longest one [s]
 _BURSTS = 0.05, 0.3  # shortest and longest duration of an intermittent fault [s]
-_ICE = 0.1, 0.3  # smallest and largest friction of ice, relative to the ground [1]
+# Channel, and smallest and largest amplitude of each event: friction of ice relative to the ground,
+# and mass of the payload relative to that of the vehicle [1].
+_EVENTS = {"ice": ("ground", 0.1, 0.3), "payload": ("load", 0.1, 0.5)}
 _CHANNELS = {True: ("twist", "gyro", "accelerometer", "encoder"), False: ("twist", "encoder")}
 _BRAKES = ("brake", "open_valve", "stuck_brake")  # fields of `WheelCondition`
 # The encoders have 4096 counts, and no lines are rendered. A stop longer than the limit counts as
@@ -139,7 +141,8 @@ class StopWithFault(NamedTuple):
     @property
     def group(self) -> str:
         """Name of the group to which this stop belongs in the study's metrics."""
-        return f"{self.law}_{'imu' if self.imu else 'no_imu'}_{self.extent}"
+        name = f"{self.law}_{'imu' if self.imu else 'no_imu'}_{self.extent}"
+        return f"{name}_{self.kind}" if self.extent == "event" else name
 
 
 class FaultyStops:
@@ -171,7 +174,7 @@ class FaultyStops:
     @property
     def fingerprint(self) -> str:
         """Digest of all settings that determine the stops, except the seeds."""
-        ranges = drawn_faults.SIZES, _PERIODS, _BURSTS, _ICE
+        ranges = drawn_faults.SIZES, _PERIODS, _BURSTS, _EVENTS
         drawn = EXTENTS, KINDS, ranges, drawn_faults.SHARES, _BRAKES, list(_CHANNELS.items())
         return digest(list(self._bases.values()), drawn, _SEARCHED, _STEPS)
 
@@ -213,12 +216,15 @@ class FaultyStops:
             }
             all_on = _reference([run_fast_loop(dataclasses.replace(faulty, faults=lost))])
             bound = heading_bound if fault.kind == "brake" else None
-        elif fault.channel == "ground":
-            extent, bound = "event", straight_bound
-            path = run_fast_loop(base)
-            ground = drawn_faults.with_ice(base.ground, fault, path, time)
-            faulty = dataclasses.replace(base, ground=ground)
-            unassisted = dataclasses.replace(self._bases[setting, False], ground=ground)
+        elif fault.kind in _EVENTS:
+            extent, bound = "event", straight_bound if fault.kind == "ice" else None
+            if fault.kind == "ice":
+                ground = drawn_faults.with_ice(base.ground, fault, run_fast_loop(base), time)
+                changed: dict[str, Any] = {"ground": ground}
+            else:
+                changed = {"vehicle": drawn_faults.with_payload(base.vehicle, fault)}
+            faulty = dataclasses.replace(base, **changed)
+            unassisted = dataclasses.replace(self._bases[setting, False], **changed)
             reference = all_on = _reference([run_fast_loop(unassisted)])
         else:
             faults = drawn_faults.configurations(fault, time)
@@ -263,10 +269,11 @@ class FaultyStops:
         if random.random() < 0.2:
             onset = round(float(random.uniform(-1.5, -0.1)), 3)  # before the pedal is pressed
         if extent == "event":
-            friction = round(float(random.uniform(*_ICE)), 2)
-            return SensorFault(
-                "ground", "ice", int(random.integers(0, 2)), abs(onset), friction, 0.1
-            )
+            kind = str(random.choice(list(_EVENTS)))
+            event, low, high = _EVENTS[kind]
+            place, size = int(random.integers(0, 4)), round(float(random.uniform(low, high)), 2)
+            onset = abs(onset) if kind == "ice" else 0.0
+            return SensorFault(event, kind, place % 2 if kind == "ice" else place, onset, size, 0.1)
         if extent == "brake":
             kind = str(random.choice(_BRAKES))
             before = random.random() < 0.5

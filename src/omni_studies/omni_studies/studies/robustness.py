@@ -5,11 +5,13 @@ files of the worst runs, which ``./omni run`` can repeat over the ROS graph.
 
 In ``faults``, several vehicles are braked under both laws, with and without an IMU. The faults are
 faults of one sensor, faults that two or three sensors share, permanent or intermittent, faults of a
-brake before or during the stop, and ice under one side of the vehicle. In every eighth stop, a
-local search varies the fault to make its effect as harmful as possible. For a sensor fault, two
-stops without the fault are simulated, one unassisted and one assisted; the longer distance and the
-larger rotation of these two are the reference. For a brake fault or ice, the reference is the
-unassisted stop with the same fault or ice.
+brake before or during the stop, ice under one side of the vehicle, and a payload at one corner, of
+which the assistant does not know. In every eighth stop, a local search varies the fault to make its
+effect as harmful as possible. For a sensor fault, two stops without the fault are simulated, one
+unassisted and one assisted; the longer distance and the larger rotation of these two are the
+reference. For a brake fault, ice or a payload, the reference is the unassisted stop with the same
+fault or event. The worst stops of the first and of the second half of the seeds are reported with
+their seeds.
 """
 
 import itertools
@@ -234,8 +236,9 @@ def _faults(options: _Faults, study: StudyRun) -> StudyResult:
         for group in sorted({stop.group for stop in stops})
     }
     metrics = {"runs.all": Metric(len(stops), "1")}
+    second = options.seed + options.runs // 2
     for group, chosen in groups.items():
-        metrics |= _fault_metrics(group, chosen)
+        metrics |= _fault_metrics(group, chosen) | worst_of_two_sets(group, chosen, second)
     metrics |= lost_brakes.metrics(stops)
     rotation = loss_of_twist(work)
     metrics["rotation_after_loss.straight_line"] = Metric(rotation, "deg")
@@ -268,6 +271,26 @@ def _fault_metrics(group: str, stops: Sequence[StopWithFault]) -> dict[str, Metr
         metrics[f"comes_to_rest_all_on.{group}"] = Metric(rest, "%")
         metrics[f"worst_all_on_distance_ratio.{group}"] = Metric(distance, "1")
         metrics[f"worst_all_on_rotation.{group}"] = Metric(rotation, "deg")
+    return metrics
+
+
+def worst_of_two_sets(group: str, stops: Sequence[StopWithFault], second: int) -> dict[str, Metric]:
+    """Return the worst results of each of two independent sets of stops, with their seeds.
+
+    Args:
+        group: name of the group of all stops.
+        stops: stops of both sets.
+        second: first seed of the second set.
+    """
+    metrics = {}
+    for quantity, unit in (("distance", "1"), ("rotation", "deg")):
+        for name, later in (("first", False), ("second", True)):
+            own = [stop for stop in stops if stop.counted and (stop.seed >= second) is later]
+            worst = max(own, key=lambda stop: getattr(stop, quantity), default=None)
+            if worst is not None:
+                value = float(getattr(worst, quantity))
+                metrics[f"worst_{quantity}_{name}.{group}"] = Metric(value, unit)
+                metrics[f"seed_of_worst_{quantity}_{name}.{group}"] = Metric(worst.seed, "1")
     return metrics
 
 

@@ -9,7 +9,12 @@ import pytest
 from omni_runs.compiled import run_fast_loop
 from omni_runs.experiment import WITHOUT_CAMERAS, ExperimentLibrary
 from omni_sim.ground.friction import FrictionMap
-from omni_studies.campaign.drawn_faults import SensorFault, configurations, with_ice
+from omni_studies.campaign.drawn_faults import (
+    SensorFault,
+    configurations,
+    with_ice,
+    with_payload,
+)
 from omni_studies.campaign.sensor_faults import (
     EXTENTS,
     FaultyStops,
@@ -17,6 +22,7 @@ from omni_studies.campaign.sensor_faults import (
     limits,
     loss_of_twist,
 )
+from omni_studies.studies.robustness import worst_of_two_sets
 
 
 def bound(limit: float | None) -> float:
@@ -385,6 +391,26 @@ def test_sensors_that_are_stuck_together_make_no_stop_worse(
 
 @pytest.mark.safety(
     "the stop is longer or rotates more",
+    "gyro and all encoders are stuck together during the stop, with the law `sliding_mode`",
+    "input gate and fault isolation: after the stuck readings have been found, the twist that they "
+    "had isolated is used again",
+    within="the whole stop",
+)
+@pytest.mark.parametrize("onset", [0.05, 0.13, 0.3])
+@pytest.mark.parametrize("case", ["straight_line", "diagonal", "six_wheels"])
+def test_stuck_encoders_and_gyro_isolate_the_twist_only_until_they_are_found(
+    stops: FaultyStops, case: str, onset: float
+) -> None:
+    fault = SensorFault("encoder+gyro", "stuck", -1, onset, 0.0, 0.1)
+    stop = stops.run(Setting("sliding_mode", True, case), fault)
+    assert stop.rest
+    assert stop.assisting
+    assert stop.distance <= DISTANCE
+    assert stop.rotation <= ROTATION
+
+
+@pytest.mark.safety(
+    "the stop is longer or rotates more",
     "twist and all encoders are scaled by 0.64 to 0.74 from the start of braking on",
     "effect monitor: the stop has at most 1.5 times the distance",
     within="the whole stop",
@@ -431,6 +457,32 @@ def test_ice_begins_at_the_vehicle_on_one_side(side: int) -> None:
     assert friction.at(x + 0.5, y + icy) == pytest.approx(0.2 * base.ground.friction)
     assert friction.at(x + 0.5, y + dry) == base.ground.friction
     assert friction.at(x - 0.5, y + icy) == base.ground.friction
+
+
+@pytest.mark.parametrize(("corner", "ahead", "left"), [(0, 1, 1), (1, -1, 1), (3, 1, -1)])
+def test_a_payload_shifts_the_center_of_gravity_to_its_corner(
+    corner: int, ahead: int, left: int
+) -> None:
+    vehicle = LIBRARY.load("straight_line", "assisted").vehicle
+    loaded = with_payload(vehicle, SensorFault("load", "payload", corner, 0.0, 0.4, 0.1))
+    extra = 0.4 * vehicle.body.mass
+    assert loaded.masses.mass == pytest.approx(vehicle.masses.mass + extra)
+    shift = loaded.load.mass * loaded.load.x - vehicle.load.mass * vehicle.load.x
+    assert shift == pytest.approx(extra * (vehicle.chassis_x + ahead * vehicle.chassis_length / 4))
+    shift = loaded.load.mass * loaded.load.y - vehicle.load.mass * vehicle.load.y
+    assert shift == pytest.approx(extra * (vehicle.chassis_y + left * vehicle.chassis_width / 4))
+
+
+def test_the_worst_stops_of_both_sets_are_reported_with_their_seeds(stops: FaultyStops) -> None:
+    fault = SensorFault("load", "payload", 0, 0.0, 0.3, 0.1)
+    stop = stops.run(Setting("sliding_mode", True, "six_wheels"), fault)
+    assert stop.group == "sliding_mode_imu_event_payload"
+    both = [stop._replace(seed=k, distance=1.0 + 0.1 * k) for k in range(4)]
+    found = worst_of_two_sets("any", both, 2)
+    assert found["worst_distance_first.any"].value == pytest.approx(1.1)
+    assert found["seed_of_worst_distance_first.any"].value == 1
+    assert found["seed_of_worst_distance_second.any"].value == 3
+    assert "worst_rotation_second.any" not in worst_of_two_sets("any", both, 9)
 
 
 def test_an_intermittent_fault_ends_and_returns() -> None:
