@@ -203,7 +203,8 @@ class UnsuitableViews:
         """
         if len(self._stamps) > 1 and 0 < stamp_ns - self._stamps[-1] < _GAP_NS:
             sloping = self.sloping(readings, self._twist)
-            return sloping | self._over_oblique_texture(stamp_ns, readings | sloping, self._twist)
+            known = {**readings, **sloping}
+            return sloping | self._over_oblique_texture(stamp_ns, known, self._twist)
         blind = [
             name
             for name in self._sensors

@@ -40,17 +40,17 @@ class Stop:
         body["inverse_variance"] = (MASS / law.mass) ** 2
         wheel["known"], wheel["hub"], wheel["sign"] = True, HUB, np.sign(law.active[:, 0])
 
-    def run(self, time: float, forces: FloatArray, believed: FloatArray, mass: float) -> float:
+    def run(self, time: float, forces: FloatArray, intended: FloatArray, mass: float) -> float:
         """Return the time until a failure is detected, inf if there is none.
 
         Args:
             time: duration of the braking [s].
             forces: true friction forces [N], shape (4,); wheels without a force do not slip.
-            believed: forces if all brakes work [N], shape (4,).
+            intended: forces if all brakes work [N], shape (4,).
             mass: true mass of the vehicle [kg].
         """
         wheel, body = self.memory.wheel, self.memory.body[0]
-        wheel["brake"], wheel["measured"] = believed, believed
+        wheel["brake"], wheel["measured"] = intended, intended
         wheel["speed"] = wheel["last_speed"] = HUB * (1.0 - 0.1 * (forces > 0.0))
         x, y = -(wheel["sign"] * forces) @ self.law.active[:, :2] / mass
         body["twist"] = HUB - x * DT, -y * DT, 0.0
