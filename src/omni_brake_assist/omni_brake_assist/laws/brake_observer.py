@@ -11,6 +11,8 @@ Ice does not look like a failure: a wheel on ice slows down, so its calculated f
 decreases, too. The mass ``m`` is estimated by recursive least squares over the stop while there is
 no evidence of a failure, because an error that is common to all forces must not count as one. The
 nominal values of mass, brake torques and wheel inertia therefore only need to be roughly known.
+On a slope, or with a tilted sensor, the specific force contradicts the twist, and nothing is
+detected.
 """
 
 import math
@@ -67,7 +69,8 @@ def observe_brakes(law: Constants, memory: Memory, motion: Motion) -> bool:
     force, spread = (force_x, force_y), (s_xx, s_xy, s_yy)
     felt = _acceleration(law, memory, motion)
     works = _evidence(memory, felt, force, spread)
-    share, kept, largest = body.dt / _CORRELATION, math.exp(-body.dt / _FORGET), 0.0
+    share, largest = min(body.dt / _CORRELATION, 1.0), 0.0
+    kept = math.exp(-body.dt / _FORGET)
     follow = 1.0 - math.exp(-body.dt / _LATE)
     # The brake forces are known only if the wheels have responded within the longest dead time.
     begun = body.responded and body.steps * body.dt > LONGEST_DEAD_TIME >= body.dead_time
@@ -81,8 +84,9 @@ def observe_brakes(law: Constants, memory: Memory, motion: Motion) -> bool:
         gained = _evidence(memory, felt, without, known) - works
         gained = min(gained + 0.5 * min(ROLLS**2 - slip**2, 0.0), _MOST)
         wheel.late_brake += follow * (wheel.brake - wheel.late_brake)
+        wheel.lost *= kept
         if begun and wheel.known and wheel.hub >= SLOW:
-            wheel.lost = max(kept * wheel.lost + share * gained, 0.0)
+            wheel.lost = max(wheel.lost + share * gained, 0.0)
         largest = max(largest, wheel.lost)
     if begun and largest == 0.0:
         _observe_mass(memory, felt, force, spread)
@@ -163,7 +167,7 @@ def _observe_mass(memory: Memory, felt: Pair, force: Pair, spread: Triple) -> No
     inverse, noise = body.inverse_mass, _ACCELERATION**2
     c_xx, c_yy = noise + inverse**2 * s_xx, noise + inverse**2 * s_yy
     c_xy = inverse**2 * s_xy
-    weight = body.dt / _CORRELATION / (c_xx * c_yy - c_xy * c_xy)
+    weight = min(body.dt / _CORRELATION, 1.0) / (c_xx * c_yy - c_xy * c_xy)
     w_x, w_y = weight * (c_yy * x - c_xy * y), weight * (c_xx * y - c_xy * x)
     body.inverse_variance /= 1.0 + body.inverse_variance * (w_x * x + w_y * y)
     error = w_x * (felt[0] - inverse * x) + w_y * (felt[1] - inverse * y)

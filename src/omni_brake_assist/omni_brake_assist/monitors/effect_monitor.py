@@ -175,10 +175,10 @@ def watch_effect(
         if math.isfinite(rim):
             top, known = max(top, rim), True
     if pedal <= 0.0:
+        v_x, v_y = _rolling_velocity(constants, ledger, speeds)
         memory[0] = constants.empty[0]
         ledger.start = ledger.speed = ledger.mean_speed = top
-        ledger.turn = turn
-        ledger.v_x, ledger.v_y = _rolling_velocity(constants, speeds)
+        ledger.turn, ledger.v_x, ledger.v_y = turn, v_x, v_y
         return False
     ledger.elapsed += dt
     ledger.demanded += pedal * dt
@@ -209,18 +209,23 @@ def watch_effect(
 
 
 @lean
-def _rolling_velocity(constants: EffectConstants, speeds: FloatArray) -> Pair:
-    """Return the velocity of a vehicle whose wheels roll, body frame [m/s]."""
+def _rolling_velocity(constants: EffectConstants, ledger: Any, speeds: FloatArray) -> Pair:
+    """Return the velocity of a vehicle whose wheels roll, body frame [m/s].
+
+    It is the last known one if the speed of a wheel is unknown.
+    """
     v_x = v_y = 0.0
     for i in range(speeds.size):
         v_x += constants.twist[0, i] * constants.roll[i] * speeds[i]
         v_y += constants.twist[1, i] * constants.roll[i] * speeds[i]
-    return v_x, v_y
+    return (v_x, v_y) if math.isfinite(v_x + v_y) else (ledger.v_x, ledger.v_y)
 
 
 @lean
 def _integrate(ledger: Any, dt: float, inertial: FloatArray) -> None:
-    """Advance the velocity of the memory by one step with the readings of the IMU."""
+    """Advance the velocity of the memory by one step with the readings of the IMU, if known."""
+    if not math.isfinite(inertial[0] + inertial[1] + inertial[2]):
+        return
     c, s = math.cos(inertial[0] * dt), math.sin(inertial[0] * dt)
     v_x, v_y = ledger.v_x, ledger.v_y
     ledger.v_x = c * v_x + s * v_y + inertial[1] * dt

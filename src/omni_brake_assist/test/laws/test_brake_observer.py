@@ -72,7 +72,8 @@ def found(memory: Memory) -> int:
     "a brake does not follow its command",
     "a brake loses its torque in the middle of the stop, with an IMU and the law `allocation`; the "
     "mass is half, equal to or twice the nominal mass",
-    "brake observer: the specific force contradicts the brake force; then as in the next row",
+    "brake observer, on level ground: the specific force contradicts the brake force; then as in "
+    "the next row",
     within=0.1,
 )
 @pytest.mark.parametrize("lost", range(4))
