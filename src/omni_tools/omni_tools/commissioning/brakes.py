@@ -29,6 +29,8 @@ class Tolerances(NamedTuple):
         latest: longest delay to search for, in addition to the dead time in the vehicle's file [s].
         response: minimum mean ground torque on a braked wheel, as a share of the largest such
             torque of all wheels [1].
+        applied: minimum demand of a brake whose effect counts [1]; a smaller effect is lost in the
+            errors of the slip.
         braked: minimum time integral of the demand while the wheel moves [s].
         mean_demand: minimum mean of the demand while the driver brakes and the wheel moves [1].
         gain: two brakes count as swapped if their swap increases the sum of correlations by
@@ -40,6 +42,7 @@ class Tolerances(NamedTuple):
 
     latest: float = 0.3
     response: float = 0.03
+    applied: float = 0.5
     braked: float = 0.5
     mean_demand: float = 0.75
     gain: float = 1.0
@@ -287,7 +290,8 @@ def idle(response: Response) -> int | None:
 
     The result is None if all brakes act, or if the demands are too small for a test.
     """
-    demand = np.where(response.moving, response.demand, 0.0)
+    applied = response.moving & (response.demand >= _ALLOWED.applied)
+    demand = np.where(applied, response.demand, 0.0)
     braked, longest = (
         response.period * np.sum(values, axis=0)
         for values in (demand, response.moving & response.braking)
