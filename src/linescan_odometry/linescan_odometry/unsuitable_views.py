@@ -199,7 +199,7 @@ class UnsuitableViews:
             readings: readings of all cameras, keyed by name; too few are valid for a twist.
 
         Returns:
-            Rejected readings, keyed by camera name.
+            Rejected readings, and those with an increased variance, keyed by camera name.
         """
         if len(self._stamps) > 1 and 0 < stamp_ns - self._stamps[-1] < _GAP_NS:
             sloping = self.sloping(readings, self._twist)

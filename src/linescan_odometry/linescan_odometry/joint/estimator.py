@@ -215,17 +215,11 @@ def _estimate(
         best = other
     if not flaw:
         flaw = _flaw(best, moves, view, camera)
-    value = best.motion[0]
     if parted and not flaw:
-        # The weight of earlier batches decays exponentially.
-        kept = np.float32(max(1.0 - (layout.lines - 1) * camera.fading, 0.0))
-        pattern = spectra.FixedPattern(
-            pattern.information * kept + best.pattern.information,
-            pattern.precision * kept + best.pattern.precision,
-        )
+        pattern = _remembered(pattern, best.pattern, (layout.lines - 1) * camera.fading)
     few = weak or best.features < FEWEST
     return Estimate(
-        value,
+        best.motion[0],
         best.variance,
         flaw,
         best.rest,
@@ -236,6 +230,17 @@ def _estimate(
         few,
         best.scaling,
         pattern,
+    )
+
+
+@kernel
+def _remembered(
+    pattern: spectra.FixedPattern, batch: spectra.FixedPattern, fading: float
+) -> spectra.FixedPattern:
+    """Return the pattern of all batches; the weight of earlier batches decays exponentially."""
+    kept = np.float32(max(1.0 - fading, 0.0))
+    return spectra.FixedPattern(
+        pattern.information * kept + batch.information, pattern.precision * kept + batch.precision
     )
 
 

@@ -162,8 +162,12 @@ class KernelCache:
 def _write(path: Path, content: bytes) -> None:
     """Write a file that other processes see only when it is complete."""
     incomplete = path.with_name(f".{path.name}.{os.getpid()}")
-    incomplete.write_bytes(content)
-    incomplete.replace(path)
+    try:
+        incomplete.write_bytes(content)
+        incomplete.replace(path)
+    except OSError:
+        incomplete.unlink(missing_ok=True)
+        raise
 
 
 @functools.cache
