@@ -24,6 +24,9 @@ _TWO_MOTIONS = 0.25  # px; limit on `Fit.difference`; a larger difference indica
 _WIDEST = 1.0  # m/s; a velocity with a larger standard deviation is of no use to a vehicle
 _AGREE = 4.0  # standard deviations up to which two successive displacements agree
 _SHIFTED = 3 * candidates.APART  # px within a batch; beyond it, ground and pattern can be separated
+# Sections of a line (`PLACES`) whose details a bar of shadow changes: around each of its two edges,
+# 3 in which the moving average differs from the lines, and 0.75 in which the penumbra lies.
+_SHADOW = 2.0 * (3.0 + 0.75)
 _DARKEST = 0.1  # gray level that is added before the logarithm, relative to the mean gray level
 
 
@@ -327,5 +330,5 @@ def _flaw(best: Solution, moves: bool, view: View, camera: Camera) -> str:
     if shift < candidates.APART:
         return ""
     several = len(view.logs) >= spectra.FEWEST_LINES
-    features = spread(view.details, best.motion) if several else best.features
-    return "dominated by few features" if features < FEWEST else ""
+    few = spread(view.details, best.motion) < _SHADOW if several else best.features < FEWEST
+    return "dominated by few features" if few else ""
