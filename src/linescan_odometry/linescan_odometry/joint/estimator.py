@@ -25,7 +25,7 @@ _WIDEST = 1.0  # m/s; a velocity with a larger standard deviation is of no use t
 _AGREE = 4.0  # standard deviations up to which two successive displacements agree
 _SHIFTED = 3 * candidates.APART  # px within a batch; beyond it, ground and pattern can be separated
 # Sections of a line (`PLACES`) whose details a bar of shadow changes: around each of its two edges,
-# 3 in which the moving average differs from the lines, and 0.75 in which the penumbra lies.
+# 3 in which the moving average differs from the lines, and 0.75 of penumbra.
 _SHADOW = 2.0 * (3.0 + 0.75)
 _DARKEST = 0.1  # gray level that is added before the logarithm, relative to the mean gray level
 
