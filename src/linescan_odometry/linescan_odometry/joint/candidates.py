@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from linescan_odometry.joint import spectra
 from linescan_odometry.joint.spectra import Doubles, Floats, Spectrum
-from linescan_odometry.measurements import Decay
+from linescan_odometry.measurements import NO_DECAY, Decay
 from omni_core.kernels import kernel, linked
 
 _PEAKS = 2  # number of candidates from each stack
@@ -310,7 +310,7 @@ def decay(rest: Correlation, layout: Layout, displacement: float) -> Decay:
             noise[i] += (weight * rest.power[f]) ** 2
         noise[i] *= layout.size / (2.0 * pairs * layout.pixels)
     if not common[0] > 0.0:
-        return Decay(0, 1.0, math.inf)
+        return NO_DECAY
     kept = common[1] / common[0]
     variance = (noise[1] + kept**2 * noise[0]) / common[0] ** 2
     return Decay(distances[last], kept, variance)

@@ -84,7 +84,7 @@ class Solution(NamedTuple):
         coherence: coherence between neighboring lines, weighted by power [1].
         slope: standard deviation of the unknown slope of the texture against the direction across
             the axis [1]; 0 if the texture is so clear that an oblique one would be noticed.
-        decay: loss of common texture with the distance of the lines.
+        decay: loss of common texture with the distance of the lines, if `slope` is not 0.
         difference: the attribute `difference` of `Fit` [px].
         scaling: change of the scale of the view.
         rest: logarithm of the gray levels, minus the fixed pattern, shape (m, n).
@@ -191,7 +191,7 @@ def moving(
         fit.features,
         fit.coherence,
         slope,
-        candidates.decay(view.usual, layout, motion[0]),
+        NO_DECAY if clear else candidates.decay(view.usual, layout, motion[0]),
         fit.difference,
         fit.scaling,
         rest,
