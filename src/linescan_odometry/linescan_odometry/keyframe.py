@@ -1,164 +1,276 @@
-"""Comparison of a camera's lines with an earlier line, for textures that never leave the view."""
+"""Comparison of a camera's lines with earlier lines, to measure how much of the texture remains.
+
+Groups of successive lines are aligned by the displacement and averaged. Neighboring groups of a
+batch are compared with each other, and its newest half with that of an earlier batch, the keyframe.
+The even and the odd lines of a group show the same texture with independent noise, so the product
+of their means contains the power of the texture alone. The gradients of the means are compared,
+because gradients determine the displacement.
+"""
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
+from linescan_odometry.measurements import Decay
 from omni_core.kernels import declares, kernel
 from omni_core.quantities import Float32Array
 from omni_core.signals import Lines
 
 _REACH = 0.5  # share of a line; larger shifts of a view are not compared
-_LONGEST = 1.0  # s; limit on the time for which a line is stored
-_LEAST_SHIFT = 8.0  # px; at smaller shifts, a fixed pattern looks like an oblique texture
+_SPREAD = 0.25  # share of a line; limit on the shift between the lines of a group
+_LONGEST = 1.0  # s; limit on the age of a keyframe
+_LEFT = 0.35  # share of the texture; if less remains, the keyframe is replaced
+_UNSHIFTED = 2.0  # px; up to this shift, a fixed pattern counts as texture that remains
+_SHIFTED = 8.0  # px; from this shift on, a fixed pattern is no texture that remains
 _SEARCHED = 3  # px searched on each side of the expected shift, plus _SEARCHED_SHARE of the shift
 _SEARCHED_SHARE = 0.01
 _FEWEST = 16  # smallest number of pixels for a comparison
-EXCESS = 0.35
-"""Excess correlation that two successive comparisons do not reach by chance [1]."""
+# Lengths of neighboring groups, as shares of a batch: long groups show the loss of faint texture,
+# and short ones that of texture that leaves the view within a few lines.
+_SHARES = (1 / 8, 1 / 2)
+
+_summing = declares(error_model="python", fastmath={"reassoc", "contract", "nsz"})
+
+
+class Group(NamedTuple):
+    """Mean of aligned lines.
+
+    Attributes:
+        gradients: gradients of the means of all, of even and of odd lines, shape (3, p).
+        first: pixel of the newest line at which the gradients begin.
+        power: power that even and odd lines have in common.
+        noise: power of the noise in the gradient of the mean of all lines.
+        spread: ratio of the number of independent values of the texture to that of white noise; it
+            is small if few features contain most of the power.
+    """
+
+    gradients: Float32Array
+    first: int
+    power: float
+    noise: float
+    spread: float
 
 
 class Keyframe:
-    """Stores an earlier line of one camera, and compares newer lines with this line."""
+    """Stores earlier lines of one camera, and compares newer lines with them."""
 
     def __init__(self, pixels: int) -> None:
-        """Create the comparison for one camera, without a stored line.
+        """Create the comparison for one camera, without a keyframe.
 
         Args:
             pixels: number of pixels n of a line.
         """
         self._step = 4 if pixels > 512 else 2  # px; finer detail is noise
-        self._gradient: Float32Array | None = None
+        self._group: Group | None = None
         self._stamp_ns = 0
         self._shift = 0.0
 
     def reset(self) -> None:
-        """Discard the stored line."""
-        self._gradient = None
+        """Discard the keyframe."""
+        self._group = None
 
     def compare(
         self, stamp_ns: int, period_ns: float, lines: Lines | Float32Array, displacement: float
-    ) -> tuple[float, float]:
-        """Return the age of the stored line, and how well newer lines still match it.
+    ) -> tuple[Decay, ...]:
+        """Return how much texture remains within the batch, and since the keyframe.
 
-        A stored line is replaced by a newer one if the shift between them is too large or the
-        stored line is too old.
+        The keyframe is replaced by the newest half of the batch if the shift between them is too
+        large, if it is too old, or if its texture has left the view.
 
         Args:
             stamp_ns: stamp of the newest line [ns].
             period_ns: line period [ns].
             lines: consecutive lines, oldest first, shape (m + 1, n).
             displacement: mean displacement per line [px].
-
-        Returns:
-            Two numbers, which are 0 if the view has hardly shifted. The first is the age of the
-            stored line [s]. The second is the smallest correlation of this line with three lines of
-            the batch, divided by the correlation of neighboring lines [1].
         """
-        span = len(lines) - 1
-        pixels = lines.shape[1]
-        self._shift += span * displacement
-        gradient = self._gradient
-        if (
-            gradient is None
-            or abs(self._shift) > _REACH * pixels
-            or not 0.0 < 1e-9 * (stamp_ns - self._stamp_ns) < _LONGEST
-        ):
-            first = 0
-            if abs(span * displacement) > _REACH * pixels:
-                first = span - max(1, int(_REACH * pixels / abs(displacement)))
-            gradient = self._remember(lines[first])
-            self._stamp_ns = stamp_ns - round((span - first) * period_ns)
-            self._shift = (span - first) * displacement
-        # A periodic ground leaves the view and returns, whereas an oblique texture never leaves it.
-        # To distinguish the two, the lines in between are compared too.
-        near, far = _compare(lines, self._step, self._shift, displacement, EXCESS**2, gradient)
-        persistence = max(0.0, far) / max(near, EXCESS)
-        if persistence < EXCESS:
-            self._gradient = None  # a periodic ground would match again later
-        if abs(self._shift) < _LEAST_SHIFT:
-            return 0.0, 0.0
-        return 1e-9 * (stamp_ns - self._stamp_ns), persistence
+        pixels, period, step = lines.shape[1], 1e-9 * period_ns, self._step
+        self._shift += (len(lines) - 1) * displacement
+        most = int(_SPREAD * pixels / max(abs(displacement), _SPREAD))
+        counts = [min(max(round(share * len(lines)), 2), most) for share in _SHARES]
+        if counts[0] < 2 or len(lines) < 4:
+            self.reset()
+            return ()
+        lines = lines.astype(np.float32)
+        decays = [_within(lines, count, displacement, period, step) for count in counts]
+        newest, duration = _average(lines, counts[-1], displacement, step), counts[-1] * period
+        age, group = 1e-9 * (stamp_ns - self._stamp_ns), self._group
+        if not 0.0 < age < _LONGEST or abs(self._shift) > _REACH * pixels:
+            group = None
+        if group:
+            reach = _SEARCHED + int(_SEARCHED_SHARE * abs(self._shift))
+            since = _compare(newest, group, (self._shift, reach), step)
+            decays.append(_decay(since, age, duration))
+        if not group or decays[-1].most < _LEFT:
+            self._group, self._stamp_ns, self._shift = newest, stamp_ns, 0.0
+        return tuple(decays)
 
-    def _remember(self, line: Lines | Float32Array) -> Float32Array:
-        gradient: Float32Array = np.empty((3, len(line) - 2 * self._step + 1), np.float32)
-        _differentiate(line, self._step, gradient[0])
-        self._gradient = gradient
-        return gradient
+
+@_summing
+def _average(lines: Float32Array, count: int, displacement: float, step: int) -> Group:
+    """Return the mean of the newest lines, aligned with the newest one.
+
+    Args:
+        lines: consecutive lines, oldest first, shape (k, n).
+        count: number of lines that are averaged, at least 2.
+        displacement: displacement per line [px].
+        step: number of pixels in each of the two sums whose difference is a gradient.
+    """
+    last, farthest = len(lines) - 1, round((count - 1) * displacement)
+    first = max(0, -farthest)
+    means = np.zeros((2, lines.shape[1] - abs(farthest)), np.float32)
+    for back in range(count):
+        mean, begin = means[back % 2], first + round(back * displacement)
+        seen = lines[last - back, begin : begin + len(mean)]
+        for i in range(len(mean)):
+            mean[i] += seen[i]
+    size = max(means.shape[1] - 2 * step + 1, 1)
+    means[0] /= np.float32((count + 1) // 2)
+    means[1] /= np.float32(count // 2)
+    gradients = np.zeros((3, size), np.float32)
+    whole, even, odd = gradients
+    _differentiate(means[0], step, even)
+    _differentiate(means[1], step, odd)
+    half, zero = np.float32(0.5), np.float32(0.0)
+    power, noise, second, fourth = zero, zero, zero, zero
+    for i in range(size):
+        whole[i] = half * (even[i] + odd[i])
+        square = whole[i] * whole[i]
+        power += even[i] * odd[i]
+        noise += half * half * (even[i] - odd[i]) ** 2
+        second += square
+        fourth += square * square
+    kurtosis = size * fourth / max(second**2, 1e-30)  # 3 for a Gaussian distribution
+    return Group(gradients, first, power / size, noise / size, min(3.0 / max(kurtosis, 1.0), 1.0))
 
 
 @kernel
-def _differentiate(line: Lines | Float32Array, step: int, gradient: Float32Array) -> None:
+def _differentiate(line: Float32Array, step: int, gradient: Float32Array) -> None:
     """Write to `gradient`, for each position, the sum of the next `step` pixels minus the last."""
+    if len(line) < 2 * step:
+        return
     ahead, behind = 0.0, 0.0
     for i in range(step):
         behind += line[i]
         ahead += line[i + step]
     gradient[0] = ahead - behind
-    for i in range(1, gradient.shape[0]):
+    for i in range(1, len(gradient)):
         middle = float(line[i + step - 1])
         behind += middle - line[i - 1]
         ahead += line[i + 2 * step - 1] - middle
         gradient[i] = ahead - behind
 
 
-@declares(error_model="python", fastmath={"reassoc", "contract", "nsz"})
-def _compare(
-    lines: Lines | Float32Array,
-    step: int,
-    shift: float,
-    displacement: float,
-    abort_below: float,
-    gradient: Float32Array,
-) -> tuple[float, float]:
-    """Return two correlations: of the two newest lines, and of newer lines with an earlier line.
+class _Common(NamedTuple):
+    """What two groups have in common.
 
-    Instead of the lines themselves, their gradients are correlated.
+    Attributes:
+        product: power in common.
+        texture: least possible geometric mean of the powers of their textures.
+        whole: largest possible geometric mean of these powers.
+        variance: variance of `product`; infinite without a comparison.
+        shifted: whether the view has shifted between the groups.
+    """
+
+    product: float
+    texture: float
+    whole: float
+    variance: float
+    shifted: bool
+
+
+@kernel
+def _within(
+    lines: Float32Array, count: int, displacement: float, period: float, step: int
+) -> Decay:
+    """Return how much texture remains from one group of lines to the next, mean over a batch.
 
     Args:
-        lines: consecutive lines, oldest first, shape (m + 1, n).
-        step: number of pixels in each sum of `_differentiate`.
-        shift: shift of the newest line against the earlier line [px].
+        lines: consecutive lines, oldest first, shape (k, n).
+        count: number of lines in a group.
         displacement: displacement per line [px].
-        abort_below: correlation below which the comparison is aborted.
-        gradient: gradient of the earlier line in row 0, and working memory in rows 1 and 2, shape
-            (3, length of a gradient).
-
-    Returns:
-        Correlation of the two newest lines, and the smallest correlation of three lines of the
-        batch with the earlier line. Each correlation is the largest one near the expected shift.
+        period: line period [s].
+        step: number of pixels in each of the two sums whose difference is a gradient.
     """
-    span = len(lines) - 1
-    backs = (1, 0, span // 5, span // 2)
-    near, far = 0.0, 1.0
-    for case in range(4):
-        if case == 0:
-            _differentiate(lines[span], step, gradient[1])
-            _differentiate(lines[span - 1], step, gradient[2])
-            old, new, expected = gradient[2], gradient[1], displacement
-        else:
-            if case > 1:
-                _differentiate(lines[span - backs[case]], step, gradient[2])
-            old, new = gradient[0], gradient[1 if case == 1 else 2]
-            expected = shift - backs[case] * displacement
-        reach = _SEARCHED + int(_SEARCHED_SHARE * abs(expected))
-        best = -1.0
-        for s in range(round(expected) - reach, round(expected) + reach + 1):
-            count = len(new) - abs(s)
-            if count < _FEWEST:
-                continue
-            x, y = new[max(0, -s) :][:count], old[max(0, s) :][:count]
-            xx, yy, xy = np.float32(0), np.float32(0), np.float32(0)
-            for i in range(count):
-                xx += x[i] * x[i]
-                yy += y[i] * y[i]
-                xy += x[i] * y[i]
-            norm = math.sqrt(float(xx) * float(yy))
-            best = max(best, float(xy) / norm if norm > 0.0 else 0.0)
-        if case == 0:
-            near = best
-        else:
-            far = min(far, best)
-            if far < abort_below:
-                break
-    return near, far
+    product, texture, whole, variance, shifted = 0.0, 0.0, 0.0, 0.0, False
+    for end in range(len(lines), 2 * count - 1, -2 * count):
+        new = _average(lines[:end], count, displacement, step)
+        old = _average(lines[: end - count], count, displacement, step)
+        one = _compare(new, old, (count * displacement, 0), step)
+        product += one.product
+        texture += one.texture
+        whole += one.whole
+        variance += one.variance
+        shifted = one.shifted
+    common = _Common(product, texture, whole, variance, shifted)
+    return _decay(common, count * period, count * period)
+
+
+@kernel
+def _decay(common: _Common, age: float, duration: float) -> Decay:
+    """Return what groups of a duration have in common, relative to their texture."""
+    least, most = common.product / common.whole, common.product / common.texture
+    variance = common.variance / common.texture**2
+    return Decay(age, duration, least, most, variance, common.shifted)
+
+
+@kernel
+def _compare(new: Group, old: Group, expected: tuple[float, int], step: int) -> _Common:
+    """Return what two groups of lines have in common.
+
+    Args:
+        new: newer group.
+        old: older group.
+        expected: shift between them, and limit on the error of this shift [px].
+        step: number of pixels in each of the two sums whose difference is a gradient.
+    """
+    shift, reach = round(expected[0]), expected[1]
+    shifted, most, number = abs(expected[0]) >= _SHIFTED, -math.inf, 0
+    for s in range(shift - reach, shift + reach + 1):
+        product, count = _product(new, 0, old, 0, s)
+        if count >= _FEWEST and product > most:
+            most, number = product, count
+    # What even and odd lines have in common without the shift is a fixed pattern, or texture of low
+    # frequency. Either way, the share that is kept lies between two bounds.
+    pattern = 0.0
+    if abs(expected[0]) > _UNSHIFTED:
+        pattern = 0.5 * (_product(new, 1, old, 2, 0)[0] + _product(new, 2, old, 1, 0)[0])
+    texture = _mean_power(new, old, max(pattern, 0.0))
+    whole = _mean_power(new, old, min(pattern, 0.0))
+    if number == 0 or not texture > 0.0:
+        return _Common(1.0, 1.0, 1.0, math.inf, shifted)
+    # The squared autocorrelation of white noise after `_differentiate` has the sum 2/3 step.
+    independent = 1.5 * number / step
+    one, other = new.noise / texture, old.noise / texture
+    mixed, kept = one + other + one * other, most / texture
+    denominator = one + one**2 + other + other**2 + (mixed if pattern != 0.0 else 0.0)
+    variance = (mixed + kept**2 * denominator) / independent
+    variance += 1.0 / (independent * min(new.spread, old.spread))
+    return _Common(most, texture, whole, variance * texture**2, shifted)
+
+
+@kernel
+def _mean_power(new: Group, old: Group, pattern: float) -> float:
+    """Return the geometric mean of the powers of two textures, given that of a fixed pattern."""
+    return math.sqrt(max(new.power - pattern, 0.0) * max(old.power - pattern, 0.0))
+
+
+@_summing
+def _product(new: Group, one: int, old: Group, other: int, shift: int) -> tuple[float, int]:
+    """Return the mean product of gradients of two groups, and the number of its terms.
+
+    Args:
+        new: newer group.
+        one: index in its `gradients`.
+        old: older group.
+        other: index in its `gradients`.
+        shift: shift between them [px].
+    """
+    by, ahead, behind = new.first + shift - old.first, new.gradients[one], old.gradients[other]
+    first, end = max(0, -by), min(len(ahead), len(behind) - by)
+    if end <= first:
+        return 0.0, 0
+    x, y, total = ahead[first:end], behind[first + by : end + by], np.float32(0.0)
+    for i in range(len(x)):
+        total += x[i] * y[i]
+    return float(total) / len(x), len(x)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 from collections.abc import Mapping
 from typing import NamedTuple
 
@@ -17,21 +16,26 @@ UNMEASURED_VARIANCE = 1e6
 
 
 class Decay(NamedTuple):
-    """Loss of the texture that neighboring lines have in common, at a larger distance of the lines.
+    """Texture that lines have in common with earlier lines, each averaged over a stretch of time.
 
     Attributes:
-        lines: distance of the compared lines [lines]; 0 without a comparison.
-        kept: share of the common texture that lines at this distance still have in common [1].
-        variance: variance of this share due to noise [1].
+        age: time between the earlier and the newer lines [s].
+        duration: time over which the lines are averaged [s].
+        least: power that they have in common, relative to the power of the texture in them [1], if
+            as little as possible of this power is a fixed pattern.
+        most: the same, if as much as possible is a fixed pattern.
+        variance: variance of `most` due to noise and to the finite number of features [1]; infinite
+            without a comparison.
+        shifted: whether the view has shifted along the axis in between; otherwise, a fixed pattern
+            counts as texture that remains.
     """
 
-    lines: int = 0
-    kept: float = 1.0
-    variance: float = math.inf
-
-
-NO_DECAY = Decay()
-"""Result without a comparison of lines."""
+    age: float
+    duration: float
+    least: float
+    most: float
+    variance: float
+    shifted: bool
 
 
 class Displacement(NamedTuple):
@@ -47,7 +51,7 @@ class Displacement(NamedTuple):
         share: share of the line pairs that were used, 0 to 1.
         slope: standard deviation of the unknown slope of the texture against the direction across
             the axis [1]; motion across the axis falsifies the displacement by it.
-        decay: loss of common texture with the distance of the lines.
+        features: effective number of independent features that move with the displacement.
         remark: description of a defect that leaves the lines usable; empty without a defect.
     """
 
@@ -57,7 +61,7 @@ class Displacement(NamedTuple):
     rest: Lines | Float32Array
     share: float = 1.0
     slope: float = 0.0
-    decay: Decay = NO_DECAY
+    features: float = 1.0
     remark: str = ""
 
 
@@ -76,15 +80,12 @@ class SensorReading:
         static_time: time for which the view of the camera has not changed [s]; 0 if the view
             changed in this batch.
         remark: description of a defect that leaves the lines usable; empty without a defect.
-        reference_age: age of the earlier line that was compared with the newest line [s]; 0 without
-            a comparison.
-        persistence: smallest correlation of this earlier line with three lines of the batch,
-            divided by the correlation of neighboring lines [1].
         unmatched: whether the lines change but do not match, or their displacement
             contradicts the motion.
         slope: standard deviation of the unknown slope of the texture against the direction across
             the axis [1]; the odometry adds its effect to the variance.
-        decay: loss of common texture with the distance of the lines.
+        features: effective number of independent features that move with the displacement.
+        decays: loss of texture within the batch, and since an earlier batch.
     """
 
     velocity: float
@@ -95,11 +96,10 @@ class SensorReading:
     reason: str = ""
     static_time: float = 0.0
     remark: str = ""
-    reference_age: float = 0.0
-    persistence: float = 0.0
     unmatched: bool = False
     slope: float = 0.0
-    decay: Decay = NO_DECAY
+    features: float = 1.0
+    decays: tuple[Decay, ...] = ()
 
     @classmethod
     def unmeasured(

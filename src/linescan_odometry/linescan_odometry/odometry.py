@@ -15,6 +15,7 @@ import numpy as np
 
 from linescan_odometry import measurements
 from linescan_odometry.configuration import OdometryConfiguration
+from linescan_odometry.keyframe import Keyframe
 from linescan_odometry.measurements import FlowReading, SensorReading, TwistEstimate
 from linescan_odometry.sensor import SensorOdometry
 from linescan_odometry.twist.flow import FlowMonitor
@@ -193,6 +194,9 @@ class LineScanOdometry:
             for lines in (at_rest + noise, (at_rest + noise)[:5], moving + noise, unmatched):
                 for kind in (np.uint8, np.uint16):
                     trial.update({name: LineBatch(0, lines.astype(kind))})
+            keyframe = Keyframe(sensor.pixels)
+            for stamp_ns in (0, 1):
+                keyframe.compare(stamp_ns, 1.0, moving, 1.0)
 
     def _read(self, name: str, batch: LineBatch | None) -> SensorReading:
         if batch is None:
@@ -232,7 +236,7 @@ class LineScanOdometry:
                 return TwistEstimate(
                     self._stamp_ns, np.zeros(3), covariance, False, readings, flows=flows
                 )
-            sloping = self._views.sloping(readings, solution.twist)
+            sloping = self._views.sloping(self._stamp_ns, readings, solution.twist)
             if sloping:
                 readings = readings | sloping
                 continue

@@ -234,7 +234,7 @@ class SensorOdometry:
         return self._finish_last
 
     def _measure(self, stamp_ns: int, lines: Lines) -> SensorReading:
-        """Return the reading for a batch, including `static_time` and `persistence`.
+        """Return the reading for a batch, including `static_time` and `decays`.
 
         Args:
             stamp_ns: time of exposure of the newest line [ns].
@@ -254,7 +254,7 @@ class SensorOdometry:
         velocity = displacement.value * self._scale
         if not self._chain.joined:
             self._keyframe.reset()
-        age, persistence = self._keyframe.compare(
+        decays = self._keyframe.compare(
             stamp_ns, self._chain.period_ns, displacement.rest, displacement.value
         )
         return SensorReading(
@@ -265,10 +265,9 @@ class SensorOdometry:
             measured=True,
             remark="; ".join(filter(None, (self._chain.remark, displacement.remark))),
             static_time=self._static_time(stamp_ns, lines, displacement.value),
-            reference_age=age,
-            persistence=persistence,
             slope=displacement.slope,
-            decay=displacement.decay,
+            features=displacement.features,
+            decays=decays,
         )
 
     def _static_time(self, stamp_ns: int, lines: Lines, displacement: float) -> float:

@@ -6,21 +6,21 @@ therefore counts as occluded only in two cases: its view becomes constant sooner
 stop (at most 15 m/s^2), or its view does not change although the camera moves.
 
 Each pixel of a line camera averages the brightness across the axis, over the width of the view. In
-motion across the axis, new ground enters the view, and on ordinary ground the lines lose their
-correlation after one width of the view. If the texture is oblique to the axis, the same stripes
-remain in the view and shift along the line, so motion across the axis looks like motion along it. A
-single camera cannot distinguish the two motions. The twist, however, gives the motion across the
-axis: if a view stays correlated for longer than one width, the texture is oblique.
+motion across the axis, new ground enters the view, and of ordinary ground nothing remains after one
+width of the view. If the texture is oblique to the axis, the same stripes remain in the view and
+shift along the line, so motion across the axis looks like motion along it. A single camera cannot
+distinguish the two motions. The twist, however, gives the motion across the axis, and thus how much
+of the ground should remain: if more of the texture remains, it is oblique.
 """
 
+import bisect
 import dataclasses
 import math
-from collections import deque
 from collections.abc import Mapping
 
 import numpy as np
 
-from linescan_odometry.keyframe import EXCESS
+from linescan_odometry.joint.spectra import SIGNIFICANT
 from linescan_odometry.measurements import Decay, SensorReading
 from omni_core.quantities import FloatArray
 from omni_core.sensors import LineSensor, velocity_row
@@ -35,9 +35,10 @@ _REMEMBERED_NS = 1_280_000_000  # ns; twists are stored for this time, longer th
 # Limit on the time without a twist over which the motion is extrapolated, and time for which the
 # view of an occluded camera must change before the camera is used again [ns].
 _GAP_NS = 50_000_000
-_PIECE = 0.008  # m; ordinary ground leaves a view after the view's width plus this length
-_FAR_ENOUGH = 0.5  # motion across the axis before a test, as a share of (view width + _PIECE)
-_CLEAR_EXCESS = 0.65  # excess correlation that a single comparison does not reach by chance
+# Limits on the share of a texture that moves on in the view [1]: below the first, features of
+# independent slopes pass; above the second, the texture has one slope, like that of fibers.
+_ORDINARY = 0.25
+_OBLIQUE = 0.5
 _WIDEST = (
     0.5  # m/s, standard deviation; a texture of unknown slope confirms no other camera above it
 )
@@ -63,15 +64,14 @@ class UnsuitableViews:
             )
             for name, s in sensors.items()
         }
-        self._stamps: deque[int] = deque()
-        self._paths: deque[FloatArray] = deque()  # distance across each axis [m]
-        self._found: dict[str, str] = {}  # cameras over oblique textures, with the reasons
-        self._before: dict[str, tuple[float, float]] = {}  # last persistence and its excess
-        self._excess: dict[str, float] = {}  # the smaller of the last two excesses
+        self._stamps: list[int] = []
+        self._paths: list[FloatArray] = []  # distance across each axis [m]
         self._start_anew()
 
     def _start_anew(self) -> None:
         self._covered: dict[str, str] = {}
+        # Stamps [ns] at which textures were decided to be ordinary or oblique, and the decisions.
+        self._textures: dict[str, tuple[int, str]] = {}
         self._static_ns: dict[str, int] = {}  # stamps at which views last were constant [ns]
         self._twist: FloatArray = np.zeros(3)
         self._deviations: dict[str, float] = {}  # of the velocities of that twist [m/s]
@@ -122,11 +122,12 @@ class UnsuitableViews:
         }
 
     def sloping(
-        self, readings: Mapping[str, SensorReading], twist: FloatArray
+        self, stamp_ns: int, readings: Mapping[str, SensorReading], twist: FloatArray
     ) -> dict[str, SensorReading]:
         """Return the readings of textures with an unknown slope, with increased variance.
 
         Args:
+            stamp_ns: stamp of the readings [ns].
             readings: readings of all cameras, keyed by name.
             twist: twist estimated from the readings, from which the velocity across each axis
                 follows.
@@ -135,33 +136,93 @@ class UnsuitableViews:
         for name, reading in readings.items():
             if name in self._sensors and reading.measured and reading.slope > 0.0:
                 across = float(self._rows[name][1] @ twist)
-                share = self._persisting(name, reading.decay, across)
+                share = self._slope_share(stamp_ns, name, reading, across)
                 variance = reading.variance + share * (reading.slope * across) ** 2
                 sloping[name] = dataclasses.replace(reading, variance=variance, slope=0.0)
                 if variance > _WIDEST**2:
                     sloping[name] = reading.rejected("uncertain: the texture may be oblique")
         return sloping
 
-    def _persisting(self, name: str, decay: Decay, across: float) -> float:
-        """Return the mean square of the share of a texture that moves on in the view [1].
+    def _slope_share(
+        self, stamp_ns: int, name: str, reading: SensorReading, across: float
+    ) -> float:
+        """Return the factor with which the variance of the slope of a texture counts [1].
 
-        An ordinary texture leaves the view at the rate of the motion across the axis; an oblique
-        one moves on in it. The prior deviation of the share is 1.
+        It is the mean square of the share of the texture that moves on in the view; the prior
+        deviation of this share is 1. In ordinary texture, the mean of the independent slopes of its
+        features counts at most.
 
         Args:
+            stamp_ns: stamp of the reading [ns].
             name: name of the camera.
-            decay: loss of common texture between lines.
+            reading: reading of the camera.
             across: velocity across the camera's axis [m/s].
         """
-        sensor = self._sensors[name]
-        step = min(abs(across) / (sensor.line_rate * sensor.width), _STILL_SHARE)
-        lost = 1.0 - max(1.0 - decay.lines * step, 0.0) / (1.0 - step)  # of ordinary texture
-        if not lost > 0.0 or math.isinf(decay.variance):
-            return 1.0
-        error = decay.variance / lost**2
-        gain = 1.0 / (1.0 + error)
-        share = gain * min(max((decay.kept - 1.0 + lost) / lost, 0.0), 1.0)
-        return share**2 + gain * error
+        texture = self._texture(stamp_ns, name, reading, across)
+        ordinary = texture is not None and not texture[1]
+        smallest = 1.0 / max(reading.features, 1.0) if ordinary else 1.0
+        for decay in reading.decays:
+            expected = self._expected(stamp_ns, name, decay, across)
+            lost = 1.0 - expected
+            if lost > 0.0 and math.isfinite(decay.variance):
+                error = decay.variance / lost**2
+                gain = 1.0 / (1.0 + error)
+                share = gain * min(max((decay.most - expected) / lost, 0.0), 1.0)
+                smallest = min(smallest, share**2 + gain * error)
+        return smallest
+
+    def _texture(
+        self, stamp_ns: int, name: str, reading: SensorReading, across: float
+    ) -> tuple[int, str] | None:
+        """Return when it was decided whether a texture is oblique [ns], and the reason.
+
+        The reason is empty for ordinary texture. The result is None without a decision, for
+        instance if a texture changes for another reason than that it leaves the view. A decision
+        holds until the view has moved by its width.
+
+        Args:
+            stamp_ns: stamp of the reading [ns].
+            name: name of the camera.
+            reading: reading of the camera.
+            across: velocity across the camera's axis [m/s].
+        """
+        found, remains = None, True
+        for decay in reading.decays:
+            expected = self._expected(stamp_ns, name, decay, across)
+            deviation, lost = math.sqrt(decay.variance), 1.0 - expected
+            error, oblique = SIGNIFICANT * deviation, expected + _OBLIQUE * lost
+            if expected - error < decay.most < expected + _ORDINARY * lost - error:
+                return stamp_ns, ""
+            # A periodic ground leaves the view and returns; fibers remain in all comparisons.
+            remains = remains and decay.most > oblique - deviation
+            if decay.shifted and decay.least > oblique + error:
+                path = self._path_across(name, stamp_ns, decay.age, across)
+                found = (
+                    stamp_ns,
+                    f"oblique texture: {100.0 * decay.least:.0f} % in common after "
+                    f"{1e3 * path:.3g} mm across the axis",
+                )
+        if found and remains:
+            return found
+        if name in self._textures:
+            age = 1e-9 * (stamp_ns - self._textures[name][0])
+            if self._path_across(name, stamp_ns, age, across) < self._sensors[name].width:
+                return self._textures[name]
+        return None
+
+    def _expected(self, stamp_ns: int, name: str, decay: Decay, across: float) -> float:
+        """Return the share of its texture that an ordinary ground would keep [1].
+
+        Args:
+            stamp_ns: present time [ns].
+            name: name of the camera.
+            decay: comparison of lines.
+            across: velocity across the camera's axis [m/s].
+        """
+        width = self._sensors[name].width
+        blur = abs(across) * decay.duration / width
+        path = self._path_across(name, stamp_ns, decay.age, across) / width
+        return _common_ground(path, blur) / _common_ground(0.0, blur)
 
     def unsuitable(
         self, stamp_ns: int, readings: Mapping[str, SensorReading], twist: FloatArray
@@ -202,7 +263,7 @@ class UnsuitableViews:
             Rejected readings, and those with an increased variance, keyed by camera name.
         """
         if len(self._stamps) > 1 and 0 < stamp_ns - self._stamps[-1] < _GAP_NS:
-            sloping = self.sloping(readings, self._twist)
+            sloping = self.sloping(stamp_ns, readings, self._twist)
             known = {**readings, **sloping}
             return sloping | self._over_oblique_texture(stamp_ns, known, self._twist)
         blind = [
@@ -235,8 +296,7 @@ class UnsuitableViews:
         self._paths.append((self._paths[-1] if self._paths else 0.0) + across * elapsed)
         self._stamps.append(stamp_ns)
         while stamp_ns - self._stamps[0] >= _REMEMBERED_NS:
-            self._stamps.popleft()
-            self._paths.popleft()
+            del self._stamps[0], self._paths[0]
 
     def _contradicted(
         self, stamp_ns: int, readings: Mapping[str, SensorReading], twist: FloatArray
@@ -286,26 +346,13 @@ class UnsuitableViews:
             if name not in self._sensors or not reading.measured:
                 continue
             across = float(self._rows[name][1] @ twist)
-            speed = abs(across)
-            lifetime = self._sensors[name].width + _PIECE
-            path = self._path_across(name, stamp_ns, reading.reference_age, across)
-            if path > _FAR_ENOUGH * lifetime:
-                excess = reading.persistence - max(0.0, 1.0 - path / lifetime)
-                # A single excess may be chance, because a line contains few independent texture
-                # values.
-                before, excess_before = self._before.get(name, (0.0, 0.0))
-                if reading.persistence != before:  # otherwise this reading was already processed
-                    self._excess[name] = min(excess, excess_before)
-                    self._before[name] = reading.persistence, excess
-                least = self._excess.get(name, 0.0)
-                self._found.pop(name, None)
-                if excess > _CLEAR_EXCESS or least > EXCESS:
-                    self._found[name] = (
-                        f"oblique texture: {100.0 * reading.persistence:.0f} % correlation "
-                        f"after {1e3 * path:.3g} mm across the axis"
-                    )
-            if name in self._found and speed > _SLOWEST:
-                rejected[name] = reading.rejected(self._found[name])
+            texture = self._texture(stamp_ns, name, reading, across)
+            if texture is None:
+                self._textures.pop(name, None)
+                continue
+            self._textures[name] = texture
+            if texture[1] and abs(across) > _SLOWEST:
+                rejected[name] = reading.rejected(texture[1])
         return rejected
 
     def _path_across(self, name: str, stamp_ns: int, age: float, across: float) -> float:
@@ -323,10 +370,14 @@ class UnsuitableViews:
         if not self._stamps or since >= self._stamps[-1]:
             return abs(across) * age
         newest = 1e-9 * (stamp_ns - self._stamps[-1])
+        after = bisect.bisect(self._stamps, since)
         number = list(self._rows).index(name)
-        paths = [float(path[number]) for path in self._paths]
-        before = float(np.interp(since, list(self._stamps), paths))
-        return abs(paths[-1] - before + across * (newest if 1e9 * newest < _GAP_NS else 0.0))
+        path = float(self._paths[-1][number] - self._paths[after][number])
+        if after > 0:
+            begin, end = self._stamps[after - 1], self._stamps[after]
+            step = float(self._paths[after][number] - self._paths[after - 1][number])
+            path += step * (end - since) / (end - begin)
+        return abs(path + across * (newest if 1e9 * newest < _GAP_NS else 0.0))
 
     def _would_show(self, name: str, along: float, across: float, duration: float) -> bool:
         """Return whether a motion would have changed the view of a camera.
@@ -342,3 +393,24 @@ class UnsuitableViews:
             abs(across) * duration > _STILL_SHARE * sensor.width
             or abs(along) * duration > _STILL_PIXELS * sensor.pixel_pitch
         )
+
+
+def _common_ground(path: float, blur: float) -> float:
+    """Return the share of the ground that lines of one mean have in common with those of another.
+
+    It is the mean of ``max(1 - |x|, 0)`` over all pairs of lines, at their distances x.
+
+    Args:
+        path: distance between the means across the axis, relative to the width of the view [1].
+        blur: distance that the view moves during each of them, relative to its width [1].
+    """
+    if blur < 1e-3:
+        return max(1.0 - path, 0.0)
+    ends = _twice_integrated(path + blur) + _twice_integrated(path - blur)
+    return (ends - 2.0 * _twice_integrated(path)) / blur**2
+
+
+def _twice_integrated(x: float) -> float:
+    """Return the function whose second derivative is ``max(1 - |x|, 0)``."""
+    size = abs(x)
+    return 0.5 * size**2 - size**3 / 6.0 if size < 1.0 else 0.5 * size - 1.0 / 6.0

@@ -19,7 +19,6 @@ from numpy.typing import NDArray
 
 from linescan_odometry.joint import spectra
 from linescan_odometry.joint.spectra import Doubles, Floats, Spectrum
-from linescan_odometry.measurements import NO_DECAY, Decay
 from omni_core.kernels import kernel, linked
 
 _PEAKS = 2  # number of candidates from each stack
@@ -282,38 +281,6 @@ def against_noise(rest: Correlation, layout: Layout) -> Correlation:
     """
     pairs = np.maximum(layout.lines - spacings(layout.lines), 1).astype(np.float32)
     return Correlation(rest.lagged, rest.power, np.ones_like(rest.number) * pairs.reshape(-1, 1))
-
-
-@kernel
-def decay(rest: Correlation, layout: Layout, displacement: float) -> Decay:
-    """Return how fast the lines lose the texture that moves with a displacement.
-
-    The power of gradients is compared, because gradients determine the displacement.
-
-    Args:
-        rest: correlations between the lines.
-        layout: sizes of the batch.
-        displacement: displacement per line [px].
-    """
-    last, count = farthest(displacement, layout), int(COMPARED * layout.size)
-    distances = spacings(layout.lines)
-    common, noise = np.zeros(2), np.zeros(2)
-    for i in range(2):
-        which = i * last
-        shift = np.full(1, distances[which] * displacement)
-        turn, value = phases(shift, layout.size, count)[0], rest.lagged[which]
-        overlap = max(1.0 - abs(shift[0]) / layout.pixels, 1e-3)
-        pairs = max(layout.lines - distances[which], 1)
-        for f in range(count):
-            weight = float(f) ** 2 / overlap
-            common[i] += weight * (value[f].real * turn[f].real - value[f].imag * turn[f].imag)
-            noise[i] += (weight * rest.power[f]) ** 2
-        noise[i] *= layout.size / (2.0 * pairs * layout.pixels)
-    if not common[0] > 0.0:
-        return NO_DECAY
-    kept = common[1] / common[0]
-    variance = (noise[1] + kept**2 * noise[0]) / common[0] ** 2
-    return Decay(distances[last], kept, variance)
 
 
 @kernel

@@ -12,7 +12,7 @@ from linescan_odometry.joint.heave import Heave
 from linescan_odometry.joint.likelihood import window
 from linescan_odometry.joint.maximum import FEWEST, Camera, Solution, View, moving, slow
 from linescan_odometry.matching.transforms import transform_size
-from linescan_odometry.measurements import NO_DECAY, Decay, Displacement, Unmeasured
+from linescan_odometry.measurements import Displacement, Unmeasured
 from linescan_odometry.plausibility import Plausibility
 from omni_core.kernels import kernel
 from omni_core.sensors import LineSensor
@@ -43,7 +43,7 @@ class Estimate(NamedTuple):
             before the fit.
         moves: whether the displacement is a motion and not rest.
         slope: the attribute `slope` of `Solution` [1].
-        decay: loss of common texture with the distance of the lines.
+        features: the attribute `features` of `Solution` [1].
         few: whether the displacement is based on so few features, or on so little evidence, that
             another batch must confirm it.
         scaling: change of the scale of the view.
@@ -57,7 +57,7 @@ class Estimate(NamedTuple):
     coherence: float
     moves: bool
     slope: float
-    decay: Decay
+    features: float
     few: bool
     scaling: Scaling
     pattern: spectra.FixedPattern
@@ -155,7 +155,7 @@ class JointEstimator:
             estimate.coherence,
             estimate.rest,
             slope=estimate.slope,
-            decay=estimate.decay,
+            features=estimate.features,
             remark=self.heave.remark,
         )
 
@@ -206,7 +206,7 @@ def _estimate(
     view = View(lines, logs, transformed, found, usual, details, remainder, noise_of(logs))
     d, moves, shifts, weak, flaw = _choose(view, camera, layout)
     start = np.array([d, 0.0])
-    best = Solution(start, math.inf, 0.0, 0.0, 0.0, NO_DECAY, 0.0, UNSCALED, logs, pattern)
+    best = Solution(start, math.inf, 0.0, 0.0, 0.0, 0.0, UNSCALED, logs, pattern)
     other = best
     if not flaw and shifts and several:
         mean = transformed.sum(axis=0) / np.float32(layout.lines)
@@ -229,7 +229,7 @@ def _estimate(
         best.coherence,
         moves,
         best.slope,
-        best.decay,
+        best.features,
         few,
         best.scaling,
         pattern,

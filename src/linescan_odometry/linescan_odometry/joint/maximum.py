@@ -8,7 +8,6 @@ import numpy as np
 from linescan_odometry.joint import candidates, spectra, static
 from linescan_odometry.joint.fit import UNSCALED, Scaling, assess, scatter, unequal_pixels
 from linescan_odometry.joint.likelihood import Expansion, expand, observe, without
-from linescan_odometry.measurements import NO_DECAY, Decay
 from omni_core.kernels import kernel
 from omni_core.signals import Lines
 
@@ -84,7 +83,6 @@ class Solution(NamedTuple):
         coherence: coherence between neighboring lines, weighted by power [1].
         slope: standard deviation of the unknown slope of the texture against the direction across
             the axis [1]; 0 if the texture is so clear that an oblique one would be noticed.
-        decay: loss of common texture with the distance of the lines, if `slope` is not 0.
         difference: the attribute `difference` of `Fit` [px].
         scaling: change of the scale of the view.
         rest: logarithm of the gray levels, minus the fixed pattern, shape (m, n).
@@ -96,7 +94,6 @@ class Solution(NamedTuple):
     features: float
     coherence: float
     slope: float
-    decay: Decay
     difference: float
     scaling: Scaling
     rest: spectra.Floats
@@ -143,13 +140,13 @@ def slow(
             ground = static.ground_share(rest, prior, dirt, camera.taper, layout, view.noise)
             share = max(least, most * ground)
     if share <= 0.0 or _hidden(motion[0], share) ** 2 > limit:
-        return Solution(motion, math.inf, 0.0, 0.0, 0.0, NO_DECAY, 0.0, UNSCALED, rest, batch)
+        return Solution(motion, math.inf, 0.0, 0.0, 0.0, 0.0, UNSCALED, rest, batch)
     fit = assess(here, layout.pixels, view.noise)
     # At rest all lines are equal, so few features suffice.
     variance = fit.variance if math.isfinite(fit.variance) else fit.white
     variance += _hidden(abs(motion[0]) + math.sqrt(variance), share) ** 2
     return Solution(
-        motion, variance, fit.features, fit.coherence, 0.0, NO_DECAY, 0.0, fit.scaling, rest, batch
+        motion, variance, fit.features, fit.coherence, 0.0, 0.0, fit.scaling, rest, batch
     )
 
 
@@ -180,7 +177,7 @@ def moving(
     none = np.zeros(len(pattern.precision))
     motion, rest, batch, here = _maximize(view, camera, pattern, layout, start, none)
     if not np.isfinite(motion).all():
-        return Solution(motion, math.inf, 0.0, 0.0, 0.0, NO_DECAY, 0.0, UNSCALED, rest, batch)
+        return Solution(motion, math.inf, 0.0, 0.0, 0.0, 0.0, UNSCALED, rest, batch)
     fit = assess(here, layout.pixels, view.noise)
     rivals = scatter(view.remainder, layout, motion[0], (candidates.LIKELY, candidates.RATIO))
     clear = fit.contrast >= _LEAST_CONTRAST and fit.features >= FEWEST
@@ -191,7 +188,6 @@ def moving(
         fit.features,
         fit.coherence,
         slope,
-        NO_DECAY if clear else candidates.decay(view.usual, layout, motion[0]),
         fit.difference,
         fit.scaling,
         rest,
