@@ -24,7 +24,8 @@ from omni_core.quantities import FloatArray
 from omni_ros import messages
 from omni_ros.environment import node_environment
 from omni_ros.qos import RECENT, advertise, subscribe
-from omni_runs.compiled import FastRun, run_fast_loop
+from omni_runs.compiled import run_fast_loop
+from omni_runs.fast_run import FastRun
 from omni_runs.graph import nodes as graph
 from omni_runs.graph.domain import reserved_domain
 from omni_runs.graph.process_group import ProcessGroup

@@ -6,7 +6,6 @@ cameras, odometry or messages. The results are bit-identical to those of `loop.r
 halves of a step, and a source of the twist in Python between two steps.
 """
 
-import dataclasses
 import functools
 import math
 from collections.abc import Callable
@@ -21,15 +20,17 @@ from omni_brake_assist.imu_integration import add_reading, end_step, new_integra
 from omni_brake_assist.laws.law import NO_HELP, Law, call_law
 from omni_brake_assist.laws.own_law import own_law
 from omni_core.kernels import by_reference, inlined, lean
-from omni_core.quantities import BoolArray, FloatArray, IntArray
+from omni_core.quantities import FloatArray, IntArray
 from omni_core.signals import MISSING, VALID, ImuSample, TwistSample, WheelSample
 from omni_runs.experiment import ExperimentConfiguration
-from omni_runs.history import RunHistory, without_jumps
+from omni_runs.fast_run import FastRun
+from omni_runs.history import without_jumps
 from omni_sim import run_progress, velocity_sensor
 from omni_sim.driver.scripted import ScriptedDriver
 from omni_sim.ground.friction import FrictionMap
 from omni_sim.imu import write_world
 from omni_sim.measurement import Instruments, Readings, Truth, build_instruments, draws, measure
+from omni_sim.push import Push
 from omni_sim.vehicle.dynamics import advance, base_motion, energies, in_turned_frame
 from omni_sim.vehicle.state import Control, State
 from omni_sim.vehicle.vehicle import Vehicle
@@ -54,32 +55,13 @@ class _Record(NamedTuple):
     motion: FloatArray
     heading: FloatArray  # yaw as it is read from a recording, -pi to pi [rad], (T,)
     feedback: FloatArray  # (T, 3)
-    valid: BoolArray  # (T,)
+    condition: IntArray  # (T,)
     energy: FloatArray  # (T,)
     wheel_angle: FloatArray  # (T, N)
     wheel_speed: FloatArray  # (T, N)
     brake_torque: FloatArray  # (T, N)
     enable: FloatArray  # (T, N)
     error: FloatArray  # (T, N)
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class FastRun(RunHistory):
-    """Time histories of a run of the fast loop, without odometry and states of the assistant.
-
-    Attributes:
-        feedback: twist that the brake assistant received [m/s, m/s, rad/s], shape (T, 3).
-        valid: whether all inputs were valid, so that brakes could be released, shape (T,).
-        energy: kinetic energy of body and wheels plus elastic energy of the tires [J], shape (T,).
-        stopped: whether the vehicle came to rest within the limit on the duration of the run.
-        tipping_steps: number of physics steps in which a real vehicle would have begun to tip over.
-    """
-
-    feedback: FloatArray
-    valid: BoolArray
-    energy: FloatArray
-    stopped: bool
-    tipping_steps: int
 
 
 @by_reference
@@ -92,6 +74,8 @@ class _Loop(NamedTuple):
     # Commanded twist [m/s, m/s, rad/s] in body axes; rotated in place at its stamp, (T, 3).
     command: FloatArray
     height: FloatArray  # height of the center of gravity [m], (T,)
+    # External force in the world frame [N, N] and moment about the center of gravity [N m], (T, 3).
+    push: FloatArray
     hold_world: bool  # whether the commanded velocity keeps its direction in the world
     start_yaw: float  # [rad]
     brake_torque: float  # torque of a brake with the pedal fully down [N m]
@@ -122,13 +106,16 @@ class _Sensors(NamedTuple):
 
 
 def run_fast_loop(
-    configuration: ExperimentConfiguration, source: TwistSource | None = None
+    configuration: ExperimentConfiguration,
+    source: TwistSource | None = None,
+    push: Push | None = None,
 ) -> FastRun:
     """Run an experiment with the velocity sensor to its end.
 
     Args:
         configuration: configuration of the whole loop.
         source: replacement of the velocity sensor, for built-in laws only; None to keep the sensor.
+        push: external force on the chassis; None for no force.
 
     Raises:
         ConfigurationError: the feedback is optical, or a user's law is combined with `source`.
@@ -141,7 +128,7 @@ def run_fast_loop(
     vehicle = Vehicle(
         configuration.vehicle, friction, simulation.physics_step, *start, ground.elevation
     )
-    loop = _loop(configuration, driver)
+    loop = _loop(configuration, driver, push)
     stamps = len(loop.pedal)
     record = _new_record(stamps, len(vehicle.wheel_names))
     assist = assist_state.make_constants(configuration.brake_assist, vehicle.kinematics.geometry)
@@ -178,16 +165,19 @@ def run_fast_loop(
         estimate_variance=unmeasured,
         stopped=outcome == run_progress.STOPPED,
         tipping_steps=vehicle.tipping_steps,
+        failed=int(memory.step[0]["dead"]) - 1,
         **written,
     )
 
 
-def _loop(configuration: ExperimentConfiguration, driver: ScriptedDriver) -> _Loop:
+def _loop(
+    configuration: ExperimentConfiguration, driver: ScriptedDriver, push: Push | None
+) -> _Loop:
     simulation = configuration.simulation
     period_ns = simulation.control_period_ns
     stamps = math.ceil(simulation.duration_limit * 1e9 / period_ns) + 1
     settled = min(-(-driver.settled_ns // period_ns), stamps - 1)
-    start_yaw = float(driver.start_pose[2])
+    start_yaw, time = float(driver.start_pose[2]), np.arange(stamps) * period_ns * 1e-9
     pedal = np.full(stamps, driver.pedal(settled * period_ns))
     command = np.zeros((stamps, 3))
     pedal[:settled], command[:settled] = driver.pedal(0), driver.command_twist(0, start_yaw)
@@ -199,7 +189,8 @@ def _loop(configuration: ExperimentConfiguration, driver: ScriptedDriver) -> _Lo
         steps=simulation.steps_per_period,
         pedal=pedal,
         command=command,
-        height=configuration.vehicle.height_at(np.arange(stamps) * period_ns * 1e-9),
+        height=configuration.vehicle.height_at(time),
+        push=np.zeros((stamps, 3)) if push is None else push.at(time),
         hold_world=configuration.maneuver.hold_world_direction,
         start_yaw=start_yaw,
         brake_torque=configuration.vehicle.brake.max_torque,
@@ -216,7 +207,7 @@ def _loop(configuration: ExperimentConfiguration, driver: ScriptedDriver) -> _Lo
 def _new_record(stamps: int, wheels: int) -> _Record:
     each = (np.empty((stamps, wheels)) for _ in range(5))
     body = np.empty((stamps, 6)), np.empty(stamps), np.empty((stamps, 3))
-    return _Record(*body, np.empty(stamps, np.bool_), np.empty(stamps), *each)
+    return _Record(*body, np.empty(stamps, np.int64), np.empty(stamps), *each)
 
 
 def _sensors(configuration: ExperimentConfiguration, stamps: int) -> _Sensors:
@@ -314,7 +305,7 @@ def _run_part(run: _Run, first: int, last: int, done: int, pauses: bool) -> tupl
                 return stamp, run_progress.RUNNING
         if done != _ACTED:
             inputs = _compiled_inputs(run, stamp)
-            assist_step.assist_step(
+            run.record.condition[stamp] = assist_step.assist_step(
                 run.assist, run.memory, inputs, run.scratch.error, run.scratch.enable
             )
         outcome = _record_and_advance(run, stamp)
@@ -396,7 +387,8 @@ def _run_own(law: Law, run: _Run, first: int, last: int) -> tuple[int, int]:
         ready, motion = assist_step.receive(run.assist, run.memory, inputs)
         answer, _ = call_law(law, motion, error, enable) if ready else (NO_HELP, "")
         called = assist_state.LawCall(ready, motion, answer)
-        assist_step.act(run.assist, run.memory, inputs, called, error, enable)
+        condition = assist_step.act(run.assist, run.memory, inputs, called, error, enable)
+        run.record.condition[stamp] = condition
         stamp, outcome = _run_part(run, stamp, last, _ACTED, True)
     return stamp, outcome
 
@@ -409,7 +401,6 @@ def _record_and_advance(run: _Run, stamp: int) -> int:
         Outcome of the run, a constant of `omni_sim.run_progress`.
     """
     state, loop, scratch, record = run.state, run.loop, run.scratch, run.record
-    record.valid[stamp] = not run.memory.step[0].faulty
     stored = energies(state)
     record.energy[stamp] = stored.translation + stored.rotation + stored.spin + stored.elastic
     for i in range(scratch.enable.size):
@@ -442,9 +433,11 @@ def _advance(state: State, loop: _Loop, scratch: _Scratch, stamp: int, yaw: floa
         yaw: present heading of the vehicle in `odom` [rad].
     """
     pedal, twist, height = loop.pedal[stamp], loop.command[stamp], loop.height[stamp]
+    f_x, f_y, moment = loop.push[stamp, 0], loop.push[stamp, 1], loop.push[stamp, 2]
     if loop.hold_world:
         twist[0], twist[1] = in_turned_frame(twist[0], twist[1], yaw - loop.start_yaw)
     torque = pedal * loop.brake_torque
     stiffness = loop.clutch_stiffness if pedal < loop.clutch_threshold else 0.0
-    control = Control(torque, scratch.enable, stiffness, twist, loop.hold_world, 0.0, 0.0, height)
+    enable, in_world = scratch.enable, loop.hold_world
+    control = Control(torque, enable, stiffness, twist, in_world, f_x, f_y, moment, height)
     advance(state, control, scratch.steps, scratch.trajectory)

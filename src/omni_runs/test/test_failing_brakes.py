@@ -5,7 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from omni_runs.compiled import FastRun, run_fast_loop
+from omni_runs.compiled import run_fast_loop
+from omni_runs.fast_run import FastRun
 from omni_runs.experiment import ExperimentLibrary
 from omni_sim.vehicle.configuration import WheelCondition
 

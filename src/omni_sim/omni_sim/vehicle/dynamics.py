@@ -145,6 +145,7 @@ def _meet_ground(
         pressing, gravity, lean = follow_ground(state, body)
         state.counters[0].tipping_steps += pressing <= 0.0  # the vehicle would take off
     other = (control.force_x + gravity[0], control.force_y + gravity[1])
+    lean += control.moment
     yaw = body.yaw + 0.5 * dt * body.yaw_rate
     cos, sin = math.cos(yaw), math.sin(yaw)
     state.counters[0].tipping_steps += _carry(state, body, pressing, pull, control.height)

@@ -151,7 +151,7 @@ class MujocoVehicle(Vehicle):
         return self.kinematics.wheel_speeds(np.asarray(twist))
 
     def _run(self, control: layout.Control, steps: int, trajectory: FloatArray) -> None:
-        if control.force_x or control.force_y:
+        if control.force_x or control.force_y or control.moment:
             raise VehicleInputError("wheel_model 'mujoco' supports no external forces")
         plant, pressure, data = self.state.plant, self.state.pressure, self._data
         set_demand(pressure, control.brake, control.enable)

@@ -331,6 +331,7 @@ class Control(NamedTuple):
             turns.
         force_x: constant force at the center of gravity along x of the world [N].
         force_y: constant force at the center of gravity along y of the world [N].
+        moment: constant moment about the center of gravity [N m].
         height: height of the center of gravity [m].
     """
 
@@ -341,6 +342,7 @@ class Control(NamedTuple):
     in_world: bool
     force_x: float
     force_y: float
+    moment: float
     height: float
 
 

@@ -102,7 +102,7 @@ class Vehicle:
         if np.ndim(wheel_angle) == 0:
             wheel_angle = np.full(n, wheel_angle)
         self._start_angle = _finite("wheel angle", wheel_angle, (n,))
-        self._force = np.zeros(2)
+        self._force, self._moment = np.zeros(2), 0.0
         self.lift(0.0)
         self.place(pose, twist)
 
@@ -198,13 +198,14 @@ class Vehicle:
         dynamics.advance(self.state, control, steps, trajectory)
         self.tipping = self.tipping_steps > before
 
-    def push(self, force: ArrayLike) -> None:
-        """Apply a constant force at the center of gravity from the next step on.
+    def push(self, force: ArrayLike, moment: float = 0.0) -> None:
+        """Apply a constant force and moment at the center of gravity from the next step on.
 
         Args:
             force: force along the ground, in the world frame [N], shape (2,).
+            moment: moment about the vertical axis [N m].
         """
-        self._force = _finite("force", force, (2,))
+        self._force, self._moment = _finite("force", force, (2,)), float(moment)
 
     def drive_speeds(self, twist: ArrayLike) -> quantities.FloatArray:
         """Return the wheel speeds that the drive commands for a body twist, Eqs. (28), (32).
@@ -236,6 +237,7 @@ class Vehicle:
             in_world=bool(hold_world),
             force_x=float(self._force[0]),
             force_y=float(self._force[1]),
+            moment=self._moment,
             height=self.height,
         )
 

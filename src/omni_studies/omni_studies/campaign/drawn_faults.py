@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from omni_runs.compiled import FastRun
+from omni_runs.fast_run import FastRun
 from omni_sim.configuration import GroundConfiguration
 from omni_sim.ground.configuration import FrictionPatch
 from omni_sim.masses import MassConfiguration

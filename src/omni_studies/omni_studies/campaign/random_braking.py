@@ -20,6 +20,7 @@ import yaml
 
 from omni_core.configuration import ConfigurationError, to_mapping
 from omni_runs import compiled, experiment
+from omni_runs.fast_run import FastRun
 from omni_sim.driver.configuration import ManeuverConfiguration
 from omni_sim.ground.configuration import FrictionPatch
 from omni_sim.masses import MassConfiguration
@@ -331,7 +332,7 @@ def without(drawn: Tree, cause: str) -> Tree:
     return drawn | {"maneuver": drawn["maneuver"] | {entry: 0.0}}
 
 
-def energy_rise(run: compiled.FastRun, configuration: experiment.ExperimentConfiguration) -> float:
+def energy_rise(run: FastRun, configuration: experiment.ExperimentConfiguration) -> float:
     """Return the largest rise of the energy from any stamp to a later stamp [1].
 
     The energy is the kinetic and elastic energy on flat ground, divided by its value when the brake

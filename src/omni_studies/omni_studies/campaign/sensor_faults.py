@@ -20,7 +20,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from omni_runs.compiled import FastRun, run_fast_loop
+from omni_runs.compiled import run_fast_loop
+from omni_runs.fast_run import FastRun
 from omni_runs.experiment import WITHOUT_CAMERAS, ExperimentConfiguration, ExperimentLibrary
 from omni_runs.limit.bounds import heading_bound, maneuver_of, straight_bound
 from omni_sim.sensor_configuration import CHANNELS, KINDS, FaultConfiguration

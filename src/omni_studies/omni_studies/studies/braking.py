@@ -26,6 +26,7 @@ from omni_core.configuration import Configuration, parameter
 from omni_core.quantities import FloatArray
 from omni_runs import compiled, loop
 from omni_runs.experiment import ExperimentConfiguration, ExperimentLibrary
+from omni_runs.fast_run import FastRun
 from omni_runs.figures import style
 from omni_runs.figures.scene import Scene
 from omni_runs.figures.time_series import time_series, while_braking
@@ -338,7 +339,7 @@ def _compared_velocities(runs: ExperimentRuns) -> Figure:
 def _measured(runs: ExperimentRuns) -> Figure:
     """Draw the noisy feedback and the true motion."""
     history = runs.histories["noisy"]
-    feedback = history.feedback if isinstance(history, compiled.FastRun) else history.estimate
+    feedback = history.feedback if isinstance(history, FastRun) else history.estimate
     twists = {"original": (history, history.twist), "noisy": (history, feedback)}
     return _over_one_another(twists, "Noise on the feedback", _LABELS)
 

@@ -30,6 +30,7 @@ from omni_core.configuration import ConfigurationError
 from omni_core.geometry import PlatformGeometry, turned
 from omni_core.quantities import SECOND_NS, BoolArray, FloatArray
 from omni_runs import compiled, experiment
+from omni_runs.fast_run import FastRun
 from omni_runs.figures.scene import Scene
 from omni_sim.driver.configuration import ManeuverConfiguration
 from omni_sim.vehicle.configuration import VehicleConfiguration
@@ -246,7 +247,7 @@ def footprint(vehicle: VehicleConfiguration) -> FloatArray:
     return np.concatenate((chassis, *wheels))
 
 
-def support(run: compiled.FastRun, points: FloatArray, start: float) -> FloatArray:
+def support(run: FastRun, points: FloatArray, start: float) -> FloatArray:
     """Return the support function of the area covered by a run [m], shape (DIRECTIONS,).
 
     Args:

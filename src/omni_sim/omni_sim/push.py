@@ -1,0 +1,28 @@
+"""External force on the chassis for some time, as from a collision or a person."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from omni_core.quantities import FloatArray
+
+
+class Push(NamedTuple):
+    """A constant force on the chassis, and its moment.
+
+    Attributes:
+        time: onset after the start of the run [s].
+        duration: duration [s].
+        force: force along x and y of the world frame [N, N].
+        moment: moment of the force about the center of gravity [N m].
+    """
+
+    time: float
+    duration: float
+    force: tuple[float, float]
+    moment: float
+
+    def at(self, time: FloatArray) -> FloatArray:
+        """Return force [N, N] and moment [N m] at times [s] of a run, shape (T, 3)."""
+        acts = (time >= self.time) & (time < self.time + self.duration)
+        return np.outer(acts, (*self.force, self.moment))
