@@ -1,7 +1,8 @@
 """Mark the fast tests for work on the code (``./omni test -m fast``); order tests by duration.
 
 Tests of the safety case have the mark ``safety(hazard, fault, caught_by, within=...)``, from which
-``tests/safety_table.py`` generates the table of docs/safety.md.
+``tests/safety_table.py`` generates the table of docs/safety.md. ``./omni test
+--store-hazard-times`` measures the times of this table.
 """
 
 from __future__ import annotations
@@ -30,6 +31,12 @@ DURATIONS = ROOT / "tests" / "durations.json"
 
 ``./omni test --store-durations`` writes this file."""
 
+HAZARD_TIMES = ROOT / "tests" / "hazard_times.json"
+"""File with the measured times [s] of the safety case, keyed by fault."""
+
+_SHARES = 30  # limits that a measurement tries, as equal parts of the limit of the safety case [1]
+_STEP = 0.01  # time between two decisions of the assistant [s]
+
 # A busy machine may take any time for an example, and the first one compiles kernels.
 hypothesis.settings.register_profile(
     "any_duration", deadline=None, suppress_health_check=[hypothesis.HealthCheck.too_slow]
@@ -38,15 +45,19 @@ hypothesis.settings.load_profile("any_duration")
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
-    """Add the option that measures the durations of the test files."""
+    """Add the options that measure the durations of the test files, and the times of hazards."""
     words = f"measure the CPU times of the tests; write {DURATIONS.relative_to(ROOT)}"
     parser.addoption("--store-durations", action="store_true", help=words)
+    words = f"measure the times of the safety case; write {HAZARD_TIMES.relative_to(ROOT)}"
+    parser.addoption("--store-hazard-times", action="store_true", help=words)
 
 
 def pytest_configure(config: pytest.Config) -> None:
     """Measure the tests if this is requested."""
     if config.getoption("--store-durations"):
         config.pluginmanager.register(_Stopwatch())
+    if config.getoption("--store-hazard-times"):
+        config.pluginmanager.register(_HazardTimes())
 
 
 def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
@@ -107,8 +118,45 @@ def _cpu_time() -> float:
     return sum(os.times()[:4])
 
 
+class _HazardTimes:
+    """Repeats each test of the safety case with shorter limits, to find the shortest it meets."""
+
+    def __init__(self) -> None:
+        self._tried: defaultdict[str, set[float]] = defaultdict(set)
+        self._failed: defaultdict[str, set[float]] = defaultdict(set)
+
+    def pytest_generate_tests(self, metafunc: pytest.Metafunc) -> None:
+        if "within" in metafunc.fixturenames:
+            metafunc.parametrize("within", range(_SHARES + 1), indirect=True)
+
+    def pytest_collection_modifyitems(self, items: list[pytest.Item]) -> None:
+        items[:] = [item for item in items if "within" in getattr(item, "fixturenames", ())]
+
+    def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
+        for fault, limit in report.user_properties if report.when == "call" else ():
+            self._tried[fault].add(float(str(limit)))
+            if report.failed:
+                self._failed[fault].add(float(str(limit)))
+
+    def pytest_sessionfinish(self, session: pytest.Session) -> None:
+        if hasattr(session.config, "workerinput"):
+            return
+        times = {
+            fault: min(limit for limit in tried if limit > max(self._failed[fault], default=-1.0))
+            for fault, tried in self._tried.items()
+        }
+        known = json.loads(HAZARD_TIMES.read_text()) | times
+        HAZARD_TIMES.write_text(json.dumps(dict(sorted(known.items())), indent=1) + "\n")
+
+
 @pytest.fixture
 def within(request: pytest.FixtureRequest) -> float:
     """Return the time within which the safety case requires the tested effect [s]."""
     mark = request.node.get_closest_marker("safety")
-    return float(mark.kwargs["within"]) if mark else math.inf
+    if mark is None:
+        return math.inf
+    limit = float(mark.kwargs["within"])
+    if hasattr(request, "param"):
+        limit = round(_STEP * math.ceil(limit * request.param / _SHARES / _STEP - 1e-9), 3)
+        request.node.user_properties.append((mark.args[1], limit))
+    return limit

@@ -11,8 +11,8 @@ from importlib.resources import files
 import yaml
 from omni_process import WORKSPACE, omni_here
 from PIL import Image
+from safety_table import TIMES, table
 from safety_table import rows as hazards
-from safety_table import table
 
 import omni_studies
 from omni_bringup.reference.parameters import reference
@@ -221,6 +221,7 @@ def test_docstrings_name_what_exists() -> None:
 def test_the_safety_case_has_the_marks_of_the_tests() -> None:
     page = (WORKSPACE / "docs/safety.md").read_text(encoding="utf-8")
     assert table() in page, "./omni exec python tests/safety_table.py"
+    assert set(TIMES) <= {row.fault for row in hazards()}
     assert {row.hazard for row in hazards()} >= {
         "brakes released when they should act",
         "brakes held without pedal",

@@ -60,7 +60,7 @@ def test_a_page_is_filled_and_old_numbers_are_found(
 
 
 @pytest.mark.parametrize(
-    ("form", "old", "within", "beyond"),
+    ("form", "old", "near", "beyond"),
     [
         (".0%", 0.05, 0.06, 0.0611),
         (".1%", 0.05, 0.051, 0.0521),
@@ -69,10 +69,10 @@ def test_a_page_is_filled_and_old_numbers_are_found(
     ],
 )
 def test_the_last_printed_digit_may_differ_by_one(
-    form: str, old: float, within: float, beyond: float
+    form: str, old: float, near: float, beyond: float
 ) -> None:
     place = page_numbers.Place("study", "metric.case", form)
-    assert not page_numbers.outdated(place, old, within)
+    assert not page_numbers.outdated(place, old, near)
     assert page_numbers.outdated(place, old, beyond)
 
 

@@ -6,10 +6,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from omni_core.quantities import GRAVITY
 from omni_runs.fast_run import FastRun
 from omni_sim.configuration import GroundConfiguration
 from omni_sim.ground.configuration import FrictionPatch
 from omni_sim.masses import MassConfiguration
+from omni_sim.push import Push
 from omni_sim.sensor_configuration import FaultConfiguration
 from omni_sim.vehicle.configuration import VehicleConfiguration
 
@@ -34,17 +36,18 @@ class SensorFault(NamedTuple):
     """A fault of sensors or a brake.
 
     Attributes:
-        channel: faulty channel, channels joined by ``+``, ``brake``, or for an event ``ground`` or
-            ``load``.
+        channel: faulty channel, channels joined by ``+``, ``brake``, or for an event ``ground``,
+            ``load`` or ``chassis``.
         kind: kind of the fault: a value of `FaultConfiguration.kind`, the field of
-            `WheelCondition` that a brake fault sets, ``ice`` or ``payload``.
+            `WheelCondition` that a brake fault sets, ``ice``, ``payload`` or ``push``.
         axis: index of the faulty axis or wheel, -1 for all; side of the ice, 0 for the left; corner
-            of the payload, counter-clockwise from the front left.
+            of payload or push, counter-clockwise from the front left.
         onset: time from pressing the pedal to the fault [s].
         amplitude: size of the fault in the unit of the first channel; `configurations` derives the
-            size in the other channels. Friction of ice relative to the ground, and mass of the
-            payload relative to that of the vehicle [1].
-        period: duration of a ramp, period of a sine or square wave, or length of a delay [s].
+            size in the other channels. Friction of ice relative to the ground, mass of the payload
+            relative to that of the vehicle, and force of a push relative to its weight [1].
+        period: duration of a ramp or push, period of a sine or square wave, or length of a delay
+            [s].
         burst: duration of an intermittent fault, and time until the next one [s]; 0 if the fault
             is permanent.
     """
@@ -105,8 +108,7 @@ def with_ice(
         path: stop without the event, which gives place and direction of the vehicle at this time.
         time: time at which the vehicle reaches the ice [s].
     """
-    last = len(path.stamp_ns) - 1
-    k = min(max(int(np.searchsorted(path.stamp_ns, round(time * 1e9))), 1), last)
+    k = _stamp(path, time)
     (x, y), (x_0, y_0) = path.pose[k, :2], path.pose[k - 1, :2]
     along = math.atan2(y - y_0, x - x_0)
     across = along + math.copysign(0.5 * math.pi, 0.5 - fault.axis)
@@ -128,7 +130,7 @@ def with_payload(vehicle: VehicleConfiguration, fault: SensorFault) -> VehicleCo
     The load is halfway between the center and the corner of the chassis. It is a point mass at the
     height of the center of gravity of the vehicle's body.
     """
-    ahead, left = 1.0 if fault.axis in (0, 3) else -1.0, 1.0 if fault.axis < 2 else -1.0
+    ahead, left = _corner(fault)
     old, mass = vehicle.load, fault.amplitude * vehicle.body.mass
     share = mass / (mass + old.mass)
     load = MassConfiguration(
@@ -139,3 +141,30 @@ def with_payload(vehicle: VehicleConfiguration, fault: SensorFault) -> VehicleCo
         yaw_inertia=old.yaw_inertia,
     )
     return dataclasses.replace(vehicle, load=load)
+
+
+def push_of(vehicle: VehicleConfiguration, fault: SensorFault, path: FastRun, time: float) -> Push:
+    """Return a push against a corner of the chassis, across the vehicle's axis and toward it.
+
+    Args:
+        vehicle: vehicle that is pushed.
+        fault: event with corner, force and duration.
+        path: stop without the event, which gives the heading of the vehicle at this time.
+        time: onset after the start of the run [s].
+    """
+    (ahead, left), masses = _corner(fault), vehicle.masses
+    force, yaw = -left * fault.amplitude * masses.mass * GRAVITY, path.pose[_stamp(path, time), 2]
+    lever = vehicle.chassis_x + 0.5 * ahead * vehicle.chassis_length - masses.center[0]
+    along = -force * math.sin(yaw), force * math.cos(yaw)
+    return Push(time, fault.period, along, float(lever * force))
+
+
+def _corner(fault: SensorFault) -> tuple[float, float]:
+    """Return whether the corner of a fault is ahead and left, 1 or -1 each."""
+    return 1.0 if fault.axis in (0, 3) else -1.0, 1.0 if fault.axis < 2 else -1.0
+
+
+def _stamp(path: FastRun, time: float) -> int:
+    """Return the index of the stamp at a time [s]; at least 1, at most that of the last stamp."""
+    found = int(np.searchsorted(path.stamp_ns, round(time * 1e9)))
+    return min(max(found, 1), len(path.stamp_ns) - 1)

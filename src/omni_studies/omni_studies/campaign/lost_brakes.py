@@ -39,7 +39,22 @@ def metrics(stops: Sequence[StopWithFault]) -> dict[str, Metric]:
             groups.setdefault(f"{stop.group}_lost_{when}", []).append(stop)
     for group, chosen in sorted(groups.items()):
         found |= dict(_beside_the_bound(group, chosen))
+        if group.endswith("_during"):
+            found |= _detections(group, chosen)
     return found
+
+
+def _detections(group: str, stops: Sequence[StopWithFault]) -> dict[str, Metric]:
+    """Return how many of the brakes that are lost during the stops are found, and when."""
+    seen = [stop for stop in stops if math.isfinite(stop.observable)]
+    delays = [s.found - s.observable for s in seen if math.isfinite(s.found)]
+    metrics = {
+        f"never_observable.{group}": Metric(len(stops) - len(seen), "1"),
+        f"found.{group}": Metric(100.0 * len(delays) / max(len(seen), 1), "%"),
+    }
+    for name, share in (("median", 50), ("worst", 100)) if delays else ():
+        metrics[f"delay_{name}.{group}"] = Metric(float(np.percentile(delays, share)), "s")
+    return metrics
 
 
 def _at_rest(group: str, stops: Sequence[StopWithFault]) -> dict[str, Metric]:

@@ -5,8 +5,9 @@ The seed determines the law, whether the vehicle has an IMU, the vehicle and its
 or three channels with the same kind and onset, like a failure of a shared supply, clock or
 calibration. Every third of these faults is intermittent. A `brake` fault affects the brake of one
 wheel, before or during the stop. An `event` is ice under one side of the vehicle, from the middle
-of the stop on, or a payload at one corner, of which the assistant does not know. For every eighth
-seed, a search for a worse fault changes one entry of the fault at a time.
+of the stop on, a payload at one corner, of which the assistant does not know, or a push against one
+corner during the stop. For every eighth seed, a search for a worse fault changes one entry of the
+fault at a time.
 
 Stops with sensor faults are compared with the longer distance and the larger rotation of two stops
 without the fault, unassisted and assisted. Stops with brake faults or events are compared with
@@ -21,12 +22,13 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from omni_runs.compiled import run_fast_loop
-from omni_runs.fast_run import FastRun
 from omni_runs.experiment import WITHOUT_CAMERAS, ExperimentConfiguration, ExperimentLibrary
+from omni_runs.fast_run import FastRun
 from omni_runs.limit.bounds import heading_bound, maneuver_of, straight_bound
+from omni_sim.push import Push
 from omni_sim.sensor_configuration import CHANNELS, KINDS, FaultConfiguration
 from omni_sim.vehicle.configuration import WheelCondition
-from omni_studies.campaign import drawn_faults
+from omni_studies.campaign import brake_detection, drawn_faults
 from omni_studies.campaign.drawn_faults import SensorFault
 from omni_tools.campaign.runner import digest
 
@@ -53,8 +55,14 @@ EXTENTS = ("single", "single", "single", "pair", "triple", "brake", "brake", "ev
 _PERIODS = 0.02, 0.6  # shortest period, of two samples, and longest one [s]
 _BURSTS = 0.05, 0.3  # shortest and longest duration of an intermittent fault [s]
 # Channel, and smallest and largest amplitude of each event: friction of ice relative to the ground,
-# and mass of the payload relative to that of the vehicle [1].
-_EVENTS = {"ice": ("ground", 0.1, 0.3), "payload": ("load", 0.1, 0.5)}
+# mass of the payload relative to that of the vehicle, and force of the push relative to its weight,
+# from that of a person to that of a collision that changes the speed by up to 1.5 m/s [1].
+_EVENTS = {
+    "ice": ("ground", 0.1, 0.3),
+    "payload": ("load", 0.1, 0.5),
+    "push": ("chassis", 0.03, 0.3),
+}
+_PUSHES = 0.05, 0.5  # shortest and longest duration of a push [s]
 _CHANNELS = {True: ("twist", "gyro", "accelerometer", "encoder"), False: ("twist", "encoder")}
 _BRAKES = ("brake", "open_valve", "stuck_brake")  # fields of `WheelCondition`
 # The encoders have 4096 counts, and no lines are rendered. A stop longer than the limit counts as
@@ -98,15 +106,15 @@ class StopWithFault(NamedTuple):
         axis: index of the faulty axis or wheel, -1 for all.
         onset: time of the fault after the pedal is pressed [s].
         amplitude: amplitude of the fault, in the unit of the first channel.
-        period: duration of a ramp, period of a sine or square wave, or length of a delay [s].
+        period: as in `SensorFault` [s].
         burst: duration of an intermittent fault, 0 if the fault is permanent [s].
         counted: whether the reference stop comes to rest, 0 or 1.
         rest: whether the vehicle comes to rest, 0 or 1.
         distance: stopping distance, divided by the distance of the reference stop [1].
         rotation: rotation minus the rotation of the reference stop [deg].
-        all_on_rest: for a brake fault, whether the vehicle comes to rest if all brakes are on from
-            the onset, as after a detection without delay, 0 or 1; otherwise that of the reference.
-        all_on_distance: distance of this stop, divided by that of the reference stop [1].
+        all_on_distance: for a brake fault, distance of the stop with all brakes on from the onset,
+            as after a detection without delay; otherwise that of the reference stop; divided by the
+            distance of the reference stop [1].
         all_on_rotation: rotation of this stop minus that of the reference stop [deg].
         assisting: whether the assistant still released a brake more than 0.5 s after the onset
             while the vehicle was faster than 1 m/s; also 1 if the vehicle was never that fast after
@@ -115,6 +123,10 @@ class StopWithFault(NamedTuple):
             ice, that of stops that keep heading and line of motion; divided by the distance of the
             reference stop [1]. It is 0 for other faults, and if the vehicle rotates at the start of
             braking.
+        observable: for a brake lost during the stop, time from the loss until its effect could be
+            observed; NaN if never, and for other faults [s].
+        found: time from the loss until the assistant reports this brake; NaN if never [s].
+        false_brake: whether the assistant reports a working brake as failed, 0 or 1.
     """
 
     seed: int
@@ -133,11 +145,13 @@ class StopWithFault(NamedTuple):
     rest: int
     distance: float
     rotation: float
-    all_on_rest: int
     all_on_distance: float
     all_on_rotation: float
     assisting: int
     bound: float
+    observable: float
+    found: float
+    false_brake: int
 
     @property
     def group(self) -> str:
@@ -175,7 +189,7 @@ class FaultyStops:
     @property
     def fingerprint(self) -> str:
         """Digest of all settings that determine the stops, except the seeds."""
-        ranges = drawn_faults.SIZES, _PERIODS, _BURSTS, _EVENTS
+        ranges = drawn_faults.SIZES, _PERIODS, _BURSTS, _EVENTS, _PUSHES
         drawn = EXTENTS, KINDS, ranges, drawn_faults.SHARES, _BRAKES, list(_CHANNELS.items())
         return digest(list(self._bases.values()), drawn, _SEARCHED, _STEPS)
 
@@ -202,40 +216,35 @@ class FaultyStops:
         """Run a stop with a fault, and return the result compared with the reference stop."""
         base = self._bases[setting, True]
         time = max(round(base.maneuver.brake_time + fault.onset, 3), 0.0)
+        push, least = None, 0.0
         if fault.channel == "brake":
-            extent = "brake"
+            extent, bound = "brake", heading_bound if fault.kind == "brake" else None
             wheel = list(base.vehicle.wheels)[fault.axis]
             condition = WheelCondition(onset=time, **{fault.kind: fault.amplitude})
-            vehicle = dataclasses.replace(base.vehicle, conditions={wheel: condition})
-            faulty = dataclasses.replace(base, vehicle=vehicle)
-            unassisted = dataclasses.replace(self._bases[setting, False], vehicle=vehicle)
-            reference = _reference([run_fast_loop(unassisted)])
-            # Without any sensor, the assistant puts all brakes on.
-            lost = {
-                name: FaultConfiguration(channel=name, kind="drop_out", time=time)
-                for name in CHANNELS
+            changed: dict[str, Any] = {
+                "vehicle": dataclasses.replace(base.vehicle, conditions={wheel: condition})
             }
-            all_on = _reference([run_fast_loop(dataclasses.replace(faulty, faults=lost))])
-            bound = heading_bound if fault.kind == "brake" else None
         elif fault.kind in _EVENTS:
             extent, bound = "event", straight_bound if fault.kind == "ice" else None
-            if fault.kind == "ice":
-                ground = drawn_faults.with_ice(base.ground, fault, run_fast_loop(base), time)
-                changed: dict[str, Any] = {"ground": ground}
-            else:
-                changed = {"vehicle": drawn_faults.with_payload(base.vehicle, fault)}
-            faulty = dataclasses.replace(base, **changed)
-            unassisted = dataclasses.replace(self._bases[setting, False], **changed)
-            reference = all_on = _reference([run_fast_loop(unassisted)])
+            changed, push = _event(base, fault, time)
         else:
-            faults = drawn_faults.configurations(fault, time)
             extent, bound = ("single", "pair", "triple")[fault.channel.count("+")], None
-            faulty = dataclasses.replace(base, faults=faults)
+            changed = {"faults": drawn_faults.configurations(fault, time)}
+        faulty = dataclasses.replace(base, **changed)
+        if extent in ("brake", "event"):
+            unassisted = dataclasses.replace(self._bases[setting, False], **changed)
+            reference = all_on = _reference([run_fast_loop(unassisted, push=push)])
+        else:
             reference = all_on = self.reference(setting)
-        run, least = run_fast_loop(faulty), 0.0
+        if extent == "brake":
+            all_on = _reference([run_fast_loop(_without_sensors(faulty, time))])
+        run = run_fast_loop(faulty, push=push)
         if bound is not None:
             question = faulty.vehicle, faulty.ground, maneuver_of(faulty.maneuver)
             least = np.nan_to_num(bound(*question, math.inf).distance)
+        detection = brake_detection.UNKNOWN
+        if (fault.channel, fault.kind) == ("brake", "brake") and fault.onset >= 0.0:
+            detection = brake_detection.detection(run, base, fault.axis, time)
         return StopWithFault(
             seed,
             setting.law,
@@ -247,11 +256,12 @@ class FaultyStops:
             rest=int(run.stopped),
             distance=run.stopping_distance / reference.distance,
             rotation=run.orientation_change - reference.rotation,
-            all_on_rest=int(all_on.rest),
             all_on_distance=all_on.distance / reference.distance,
             all_on_rotation=all_on.rotation - reference.rotation,
             assisting=int(_still_assists(run, base, fault)),
             bound=float(least / reference.distance),
+            **detection._asdict(),
+            false_brake=int(run.failed >= 0 and (extent != "brake" or run.failed != fault.axis)),
         )
 
     def reference(self, setting: Setting) -> Reference:
@@ -273,8 +283,10 @@ class FaultyStops:
             kind = str(random.choice(list(_EVENTS)))
             event, low, high = _EVENTS[kind]
             place, size = int(random.integers(0, 4)), round(float(random.uniform(low, high)), 2)
-            onset = abs(onset) if kind == "ice" else 0.0
-            return SensorFault(event, kind, place % 2 if kind == "ice" else place, onset, size, 0.1)
+            onset = 0.0 if kind == "payload" else abs(onset)
+            time = round(float(random.uniform(*_PUSHES)), 2) if kind == "push" else 0.1
+            place = place % 2 if kind == "ice" else place
+            return SensorFault(event, kind, place, onset, size, time)
         if extent == "brake":
             kind = str(random.choice(_BRAKES))
             before = random.random() < 0.5
@@ -317,6 +329,25 @@ class FaultyStops:
             factor = float(np.exp(random.normal(0.0, 0.4)))
             return fault._replace(amplitude=round(fault.amplitude * factor, 3))
         return fault._replace(**{entry: getattr(other, entry)})
+
+
+def _event(
+    base: ExperimentConfiguration, fault: SensorFault, time: float
+) -> tuple[dict[str, Any], Push | None]:
+    """Return changes of an experiment, and the push, that an event at a time [s] causes."""
+    if fault.kind == "ice":
+        return {
+            "ground": drawn_faults.with_ice(base.ground, fault, run_fast_loop(base), time)
+        }, None
+    if fault.kind == "payload":
+        return {"vehicle": drawn_faults.with_payload(base.vehicle, fault)}, None
+    return {}, drawn_faults.push_of(base.vehicle, fault, run_fast_loop(base), time)
+
+
+def _without_sensors(base: ExperimentConfiguration, time: float) -> ExperimentConfiguration:
+    """Return an experiment without sensors from a time on [s], so that all brakes are on."""
+    lost = {name: FaultConfiguration(channel=name, kind="drop_out", time=time) for name in CHANNELS}
+    return dataclasses.replace(base, faults=lost)
 
 
 def _reference(runs: Sequence[FastRun]) -> Reference:

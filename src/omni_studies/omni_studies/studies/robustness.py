@@ -4,14 +4,14 @@
 files of the worst runs, which ``./omni run`` can repeat over the ROS graph.
 
 In ``faults``, several vehicles are braked under both laws, with and without an IMU. The faults are
-faults of one sensor, faults that two or three sensors share, permanent or intermittent, faults of a
-brake before or during the stop, ice under one side of the vehicle, and a payload at one corner, of
-which the assistant does not know. In every eighth stop, a local search varies the fault to make its
-effect as harmful as possible. For a sensor fault, two stops without the fault are simulated, one
-unassisted and one assisted; the longer distance and the larger rotation of these two are the
-reference. For a brake fault, ice or a payload, the reference is the unassisted stop with the same
-fault or event. The worst stops of the first and of the second half of the seeds are reported with
-their seeds.
+faults of one sensor, faults that two or three sensors share, permanent or intermittent, and faults
+of a brake before or during the stop. The events are ice under one side of the vehicle, a payload at
+one corner, of which the assistant does not know, and a push against one corner. In every eighth
+stop, a local search varies the fault to make its effect as harmful as possible. For a sensor fault,
+two stops without the fault are simulated, one unassisted and one assisted; the longer distance and
+the larger rotation of these two are the reference. For a brake fault or an event, the reference is
+the unassisted stop with the same fault or event. The worst stops of the first and of the second
+half of the seeds are reported with their seeds.
 """
 
 import itertools
@@ -257,21 +257,14 @@ def _fault_metrics(group: str, stops: Sequence[StopWithFault]) -> dict[str, Metr
     assisting = 100.0 * sum(stop.assisting for stop in stops) / len(stops)
     distance = max((stop.distance for stop in counted), default=0.0)
     rotation = max((stop.rotation for stop in counted), default=0.0)
-    metrics = {
+    return {
         f"runs.{group}": Metric(len(counted), "1"),
         f"comes_to_rest.{group}": Metric(rest, "%"),
         f"worst_distance_ratio.{group}": Metric(distance, "1", at_most=limit.distance),
         f"worst_extra_rotation.{group}": Metric(rotation, "deg", at_most=limit.rotation),
         f"still_assisting.{group}": Metric(assisting, "%", at_least=limit.assisting),
+        f"false_brake.{group}": Metric(sum(stop.false_brake for stop in stops), "1", at_most=0.0),
     }
-    if stops[0].extent == "brake":
-        rest = 100.0 * sum(stop.all_on_rest for stop in counted) / max(len(counted), 1)
-        distance = max((stop.all_on_distance for stop in counted), default=0.0)
-        rotation = max((stop.all_on_rotation for stop in counted), default=0.0)
-        metrics[f"comes_to_rest_all_on.{group}"] = Metric(rest, "%")
-        metrics[f"worst_all_on_distance_ratio.{group}"] = Metric(distance, "1")
-        metrics[f"worst_all_on_rotation.{group}"] = Metric(rotation, "deg")
-    return metrics
 
 
 def worst_of_two_sets(group: str, stops: Sequence[StopWithFault], second: int) -> dict[str, Metric]:

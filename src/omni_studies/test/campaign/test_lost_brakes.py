@@ -1,13 +1,20 @@
 """Stops that lose a brake or come onto ice, beside the bound for stops that keep the heading."""
 
+import dataclasses
+import functools
+import math
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from omni_runs.compiled import run_fast_loop
 from omni_runs.experiment import ExperimentLibrary
+from omni_sim.vehicle.configuration import WheelCondition
+from omni_studies.campaign.brake_detection import detection
 from omni_studies.campaign.drawn_faults import SensorFault
 from omni_studies.campaign.lost_brakes import THREE_WHEELS, metrics
-from omni_studies.campaign.sensor_faults import FaultyStops, Setting, StopWithFault
+from omni_studies.campaign.sensor_faults import LAWS, FaultyStops, Setting, StopWithFault
 
 LIBRARY = ExperimentLibrary(Path(__file__).parents[4] / "config")
 _SETTING = Setting("sliding_mode", True, "six_wheels")
@@ -70,6 +77,73 @@ def test_a_stop_on_ice_is_nearly_the_shortest_that_keeps_the_heading(
     stop = stops.run(Setting("allocation", True, "straight_line"), ice)
     assert stop.rotation <= 10.0
     assert stop.distance <= 1.15 * stop.bound
+
+
+@functools.cache
+def _longest_delay(law: str, case: str, *, imu: bool) -> float:
+    """Return the longest delay with which the loss of any brake at 0.3 s is reported [s]."""
+    base = FaultyStops(LIBRARY)._bases[Setting(law, imu, case), True]
+    time, delays = base.maneuver.brake_time + 0.3, []
+    for k, name in enumerate(base.vehicle.wheels):
+        lost = {name: WheelCondition(brake=0.0, onset=time)}
+        vehicle = dataclasses.replace(base.vehicle, conditions=lost)
+        run = run_fast_loop(dataclasses.replace(base, vehicle=vehicle))
+        found = detection(run, base, k, time)
+        delays.append(found.found - found.observable)
+    return max(math.inf if math.isnan(delay) else delay for delay in delays)
+
+
+@pytest.mark.safety(
+    "a brake does not follow its command",
+    "any brake of a vehicle on four or six wheels loses its torque during the stop, in the closed "
+    "loop without an IMU",
+    "brake monitor, as in the row above",
+    within=0.45,
+)
+@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize("case", ["straight_line", "diagonal", "slippery", "six_wheels"])
+def test_without_an_imu_a_lost_brake_is_found(law: str, case: str, within: float) -> None:
+    assert _longest_delay(law, case, imu=False) <= within
+
+
+@pytest.mark.parametrize("case", ["straight_line", "diagonal", "six_wheels"])
+def test_an_imu_shortens_the_detection(case: str) -> None:
+    longest = _longest_delay("allocation", case, imu=True)
+    assert longest <= min(0.2, _longest_delay("allocation", case, imu=False))
+
+
+def test_a_loss_is_observable_when_the_brake_is_commanded() -> None:
+    base = FaultyStops(LIBRARY)._bases[Setting("allocation", True, "straight_line"), True]
+    run = run_fast_loop(base)
+    released = run.enable.copy()
+    released[:, 1] = 0.0
+    released[run.stamp_ns >= 0.8e9, 1] = 0.01  # 15 N m change 1250 kg by less than the noise
+    idle = dataclasses.replace(run, enable=released)
+    assert detection(run, base, 1, 0.5).observable == pytest.approx(0.0)
+    assert math.isnan(detection(run, base, 1, 0.5).found)
+    assert math.isnan(detection(idle, base, 1, 0.5).observable)
+    commanded = np.where(run.stamp_ns[:, np.newaxis] >= 0.8e9, 0.5, released)
+    again = dataclasses.replace(run, enable=commanded)
+    assert detection(again, base, 1, 0.5).observable == pytest.approx(0.3)
+    assert math.isnan(detection(again, base, 1, 30.0).observable)  # at rest
+
+
+def test_brakes_are_counted_by_what_can_be_observed(stops: FaultyStops) -> None:
+    stop = stops.run(_SETTING, _lost(0.3))
+    assert np.isfinite(stop.observable + stop.found)
+    assert not stop.false_brake
+    rows = [
+        stop._replace(observable=0.1, found=0.2),
+        stop._replace(observable=0.1, found=0.4),
+        stop._replace(observable=0.1, found=math.nan),
+        stop._replace(observable=math.nan, found=math.nan),
+    ]
+    group = "sliding_mode_imu_brake_lost_during"
+    found = {name: metric.value for name, metric in metrics(rows).items()}
+    assert found[f"never_observable.{group}"] == 1
+    assert found[f"found.{group}"] == pytest.approx(200.0 / 3.0)
+    assert found[f"delay_median.{group}"] == pytest.approx(0.2)
+    assert found[f"delay_worst.{group}"] == pytest.approx(0.3)
 
 
 def test_three_wheels_are_counted_with_and_without_the_assistant(stops: FaultyStops) -> None:

@@ -1,6 +1,7 @@
 """Stops with a sensor fault against the limits that hold for any single fault."""
 
 import itertools
+import math
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,7 @@ from omni_sim.ground.friction import FrictionMap
 from omni_studies.campaign.drawn_faults import (
     SensorFault,
     configurations,
+    push_of,
     with_ice,
     with_payload,
 )
@@ -471,6 +473,25 @@ def test_a_payload_shifts_the_center_of_gravity_to_its_corner(
     assert shift == pytest.approx(extra * (vehicle.chassis_x + ahead * vehicle.chassis_length / 4))
     shift = loaded.load.mass * loaded.load.y - vehicle.load.mass * vehicle.load.y
     assert shift == pytest.approx(extra * (vehicle.chassis_y + left * vehicle.chassis_width / 4))
+
+
+@pytest.mark.parametrize(("corner", "left", "turns"), [(0, -1, -1), (1, -1, 1), (3, 1, 1)])
+def test_a_push_at_a_corner_points_to_the_vehicle(
+    stops: FaultyStops, corner: int, left: int, turns: int
+) -> None:
+    base = LIBRARY.load("straight_line", "assisted", WITHOUT_CAMERAS)
+    fault = SensorFault("chassis", "push", corner, 0.3, 0.1, 0.4)
+    path = run_fast_loop(base)
+    push = push_of(base.vehicle, fault, path, 1.0)
+    weight = 9.80665 * base.vehicle.masses.mass
+    assert np.hypot(*push.force) == pytest.approx(0.1 * weight, rel=1e-3)
+    assert math.copysign(1.0, push.force[1]) == left
+    assert math.copysign(1.0, push.moment) == turns
+    stop = stops.run(Setting("sliding_mode", True, "straight_line"), fault)
+    assert stop.group == "sliding_mode_imu_event_push"
+    assert stop.rest
+    weak = stops.run(Setting("sliding_mode", True, "straight_line"), fault._replace(amplitude=0.01))
+    assert stop.distance != weak.distance
 
 
 def test_the_worst_stops_of_both_sets_are_reported_with_their_seeds(stops: FaultyStops) -> None:
