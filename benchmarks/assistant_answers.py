@@ -25,10 +25,10 @@ from omni_ros import messages
 from omni_ros.environment import node_environment
 from omni_ros.qos import RECENT, advertise, subscribe
 from omni_runs.compiled import run_fast_loop
-from omni_runs.fast_run import FastRun
 from omni_runs.graph import nodes as graph
 from omni_runs.graph.domain import reserved_domain
 from omni_runs.graph.process_group import ProcessGroup
+from omni_runs.history import FastRun
 
 PERIOD = 0.01  # [s]
 SPEED_UP = 3.0  # [s] duration of the acceleration between two stops

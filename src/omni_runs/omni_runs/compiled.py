@@ -23,14 +23,13 @@ from omni_core.kernels import by_reference, inlined, lean
 from omni_core.quantities import FloatArray, IntArray
 from omni_core.signals import MISSING, VALID, ImuSample, TwistSample, WheelSample
 from omni_runs.experiment import ExperimentConfiguration
-from omni_runs.fast_run import FastRun
-from omni_runs.history import without_jumps
+from omni_runs.history import FastRun, without_jumps
 from omni_sim import run_progress, velocity_sensor
 from omni_sim.driver.scripted import ScriptedDriver
 from omni_sim.ground.friction import FrictionMap
 from omni_sim.imu import write_world
 from omni_sim.measurement import Instruments, Readings, Truth, build_instruments, draws, measure
-from omni_sim.push import Push
+from omni_sim.push import NO_PUSH, Push
 from omni_sim.vehicle.dynamics import advance, base_motion, energies, in_turned_frame
 from omni_sim.vehicle.state import Control, State
 from omni_sim.vehicle.vehicle import Vehicle
@@ -106,28 +105,24 @@ class _Sensors(NamedTuple):
 
 
 def run_fast_loop(
-    configuration: ExperimentConfiguration,
-    source: TwistSource | None = None,
-    push: Push | None = None,
+    configuration: ExperimentConfiguration, source: TwistSource | None = None, push: Push = NO_PUSH
 ) -> FastRun:
     """Run an experiment with the velocity sensor to its end.
 
     Args:
         configuration: configuration of the whole loop.
         source: replacement of the velocity sensor, for built-in laws only; None to keep the sensor.
-        push: external force on the chassis; None for no force.
+        push: external force on the chassis.
 
     Raises:
         ConfigurationError: the feedback is optical, or a user's law is combined with `source`.
     """
     configuration.check_fast_loop(own_source=source is not None)
     driver = ScriptedDriver(configuration.maneuver)
-    ground, simulation = configuration.ground, configuration.simulation
+    ground, step = configuration.ground, configuration.simulation.physics_step
     friction = FrictionMap(ground.friction, ground.patches)
     start = driver.start_pose, driver.start_twist
-    vehicle = Vehicle(
-        configuration.vehicle, friction, simulation.physics_step, *start, ground.elevation
-    )
+    vehicle = Vehicle(configuration.vehicle, friction, step, *start, ground.elevation)
     loop = _loop(configuration, driver, push)
     stamps = len(loop.pedal)
     record = _new_record(stamps, len(vehicle.wheel_names))
@@ -170,9 +165,7 @@ def run_fast_loop(
     )
 
 
-def _loop(
-    configuration: ExperimentConfiguration, driver: ScriptedDriver, push: Push | None
-) -> _Loop:
+def _loop(configuration: ExperimentConfiguration, driver: ScriptedDriver, push: Push) -> _Loop:
     simulation = configuration.simulation
     period_ns = simulation.control_period_ns
     stamps = math.ceil(simulation.duration_limit * 1e9 / period_ns) + 1
@@ -190,7 +183,7 @@ def _loop(
         pedal=pedal,
         command=command,
         height=configuration.vehicle.height_at(time),
-        push=np.zeros((stamps, 3)) if push is None else push.at(time),
+        push=push.at(time),
         hold_world=configuration.maneuver.hold_world_direction,
         start_yaw=start_yaw,
         brake_torque=configuration.vehicle.brake.max_torque,

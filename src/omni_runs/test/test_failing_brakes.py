@@ -7,7 +7,7 @@ import pytest
 
 from omni_runs.compiled import run_fast_loop
 from omni_runs.experiment import ExperimentLibrary
-from omni_runs.fast_run import FastRun
+from omni_runs.history import FastRun
 from omni_sim.vehicle.configuration import WheelCondition
 
 LIBRARY = ExperimentLibrary(Path(__file__).parents[3] / "config")

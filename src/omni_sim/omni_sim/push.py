@@ -3,6 +3,7 @@
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from omni_core.quantities import FloatArray
 
@@ -22,7 +23,11 @@ class Push(NamedTuple):
     force: tuple[float, float]
     moment: float
 
-    def at(self, time: FloatArray) -> FloatArray:
+    def at(self, time: NDArray[np.floating]) -> FloatArray:
         """Return force [N, N] and moment [N m] at times [s] of a run, shape (T, 3)."""
         acts = (time >= self.time) & (time < self.time + self.duration)
-        return np.outer(acts, (*self.force, self.moment))
+        return np.asarray(np.outer(acts, (*self.force, self.moment)), dtype=np.float64)
+
+
+NO_PUSH = Push(0.0, 0.0, (0.0, 0.0), 0.0)
+"""No force."""

@@ -10,7 +10,7 @@ from omni_core.geometry import turned
 from omni_core.quantities import FloatArray
 from omni_runs.compiled import run_fast_loop
 from omni_runs.experiment import ExperimentConfiguration, ExperimentLibrary
-from omni_runs.fast_run import FastRun
+from omni_runs.history import FastRun
 from omni_runs.limit import bounds as limit
 from omni_runs.limit.stop_kinds import KEPT, Maneuver
 from omni_sim.configuration import GroundConfiguration

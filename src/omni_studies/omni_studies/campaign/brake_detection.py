@@ -8,7 +8,7 @@ import numpy as np
 from omni_brake_assist.conditions import CONDITIONS, AssistState
 from omni_core.geometry import PlatformGeometry
 from omni_runs.experiment import ExperimentConfiguration
-from omni_runs.fast_run import FastRun
+from omni_runs.history import FastRun
 from omni_sim.vehicle.plausibility import wheel_facts
 
 _DEVIATIONS = 3.0  # observable change of acceleration, in standard deviations of the IMU [1]

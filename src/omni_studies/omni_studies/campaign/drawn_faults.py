@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from omni_core.quantities import GRAVITY
-from omni_runs.fast_run import FastRun
+from omni_runs.history import FastRun
 from omni_sim.configuration import GroundConfiguration
 from omni_sim.ground.configuration import FrictionPatch
 from omni_sim.masses import MassConfiguration

@@ -20,7 +20,7 @@ import yaml
 
 from omni_core.configuration import ConfigurationError, to_mapping
 from omni_runs import compiled, experiment
-from omni_runs.fast_run import FastRun
+from omni_runs.history import FastRun
 from omni_sim.driver.configuration import ManeuverConfiguration
 from omni_sim.ground.configuration import FrictionPatch
 from omni_sim.masses import MassConfiguration

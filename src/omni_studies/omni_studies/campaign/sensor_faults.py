@@ -23,9 +23,9 @@ import numpy as np
 
 from omni_runs.compiled import run_fast_loop
 from omni_runs.experiment import WITHOUT_CAMERAS, ExperimentConfiguration, ExperimentLibrary
-from omni_runs.fast_run import FastRun
+from omni_runs.history import FastRun
 from omni_runs.limit.bounds import heading_bound, maneuver_of, straight_bound
-from omni_sim.push import Push
+from omni_sim.push import NO_PUSH, Push
 from omni_sim.sensor_configuration import CHANNELS, KINDS, FaultConfiguration
 from omni_sim.vehicle.configuration import WheelCondition
 from omni_studies.campaign import brake_detection, drawn_faults
@@ -216,7 +216,7 @@ class FaultyStops:
         """Run a stop with a fault, and return the result compared with the reference stop."""
         base = self._bases[setting, True]
         time = max(round(base.maneuver.brake_time + fault.onset, 3), 0.0)
-        push, least = None, 0.0
+        push, least = NO_PUSH, 0.0
         if fault.channel == "brake":
             extent, bound = "brake", heading_bound if fault.kind == "brake" else None
             wheel = list(base.vehicle.wheels)[fault.axis]
@@ -333,14 +333,13 @@ class FaultyStops:
 
 def _event(
     base: ExperimentConfiguration, fault: SensorFault, time: float
-) -> tuple[dict[str, Any], Push | None]:
+) -> tuple[dict[str, Any], Push]:
     """Return changes of an experiment, and the push, that an event at a time [s] causes."""
     if fault.kind == "ice":
-        return {
-            "ground": drawn_faults.with_ice(base.ground, fault, run_fast_loop(base), time)
-        }, None
+        ground = drawn_faults.with_ice(base.ground, fault, run_fast_loop(base), time)
+        return {"ground": ground}, NO_PUSH
     if fault.kind == "payload":
-        return {"vehicle": drawn_faults.with_payload(base.vehicle, fault)}, None
+        return {"vehicle": drawn_faults.with_payload(base.vehicle, fault)}, NO_PUSH
     return {}, drawn_faults.push_of(base.vehicle, fault, run_fast_loop(base), time)
 
 

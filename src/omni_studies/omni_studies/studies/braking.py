@@ -26,12 +26,11 @@ from omni_core.configuration import Configuration, parameter
 from omni_core.quantities import FloatArray
 from omni_runs import compiled, loop
 from omni_runs.experiment import ExperimentConfiguration, ExperimentLibrary
-from omni_runs.fast_run import FastRun
 from omni_runs.figures import style
 from omni_runs.figures.scene import Scene
 from omni_runs.figures.time_series import time_series, while_braking
 from omni_runs.figures.top_view import top_view
-from omni_runs.history import RunHistory
+from omni_runs.history import FastRun, RunHistory
 from omni_runs.metrics import Metric, run_metrics
 from omni_runs.options import LoopOptions
 from omni_studies.identification import study as table_2

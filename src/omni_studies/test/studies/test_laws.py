@@ -13,7 +13,7 @@ from omni_core.brakes import SPRING, typical_changes
 from omni_core.configuration import ConfigurationError
 from omni_runs.compiled import run_fast_loop
 from omni_runs.experiment import ExperimentLibrary
-from omni_runs.fast_run import FastRun
+from omni_runs.history import FastRun
 from omni_runs.limit.bounds import maneuver_of, straight_bound
 from omni_studies.campaign.law_trials import NEUTRAL, LawTrials, compare
 from omni_studies.claims import limited

@@ -30,8 +30,8 @@ from omni_core.configuration import ConfigurationError
 from omni_core.geometry import PlatformGeometry, turned
 from omni_core.quantities import SECOND_NS, BoolArray, FloatArray
 from omni_runs import compiled, experiment
-from omni_runs.fast_run import FastRun
 from omni_runs.figures.scene import Scene
+from omni_runs.history import FastRun
 from omni_sim.driver.configuration import ManeuverConfiguration
 from omni_sim.vehicle.configuration import VehicleConfiguration
 from omni_tools.campaign.runner import digest

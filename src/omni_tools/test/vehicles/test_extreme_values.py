@@ -20,8 +20,7 @@ from omni_core.configuration import (
 )
 from omni_runs.compiled import run_fast_loop
 from omni_runs.experiment import ExperimentConfiguration, ExperimentLibrary
-from omni_runs.fast_run import FastRun
-from omni_runs.history import RunHistory
+from omni_runs.history import FastRun, RunHistory
 from omni_runs.loop import run_closed_loop
 from omni_runs.plausibility import RemarkingLibrary
 
