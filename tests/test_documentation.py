@@ -39,7 +39,7 @@ SETTINGS = {
     "placement": "0.71 m, 1.6 m",
     "real_vehicle.md": "0.1 s",
     "robustness.md": "0.1 %, 0.4 m",
-    "safety.md": "0.01 rad/s, 0.1 s, 0.5 m/s^2",
+    "safety.md": "0.01 rad/s, 0.1 s, 0.12 s, 0.4 s, 0.5 m/s^2",
     "sensor_models.md": "0.14 deg",
     "stopping_area": "0.3 m/s, 0.5 m/s",
     "which_sensor.md": "0.74 m/s, 1.14 m/s, 2.5 m/s, 7.4 rad/s",

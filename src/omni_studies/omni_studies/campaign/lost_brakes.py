@@ -15,6 +15,9 @@ from omni_studies.campaign.sensor_faults import StopWithFault, limits
 THREE_WHEELS = "three_wheel_diagonal"
 """Case whose vehicle has three wheels: after the loss of a brake, it cannot keep its heading."""
 
+_DELAYS = {"median": (50, 0.12), "worst": (100, 0.4)}
+"""Percentile [%] and, with an IMU, limit of each delay until a lost brake is found [s]."""
+
 _MOST = 1.15  # limit on distance / bound if no stop keeps heading and limit on the distance [1]
 
 
@@ -52,8 +55,10 @@ def _detections(group: str, stops: Sequence[StopWithFault]) -> dict[str, Metric]
         f"never_observable.{group}": Metric(len(stops) - len(seen), "1"),
         f"found.{group}": Metric(100.0 * len(delays) / max(len(seen), 1), "%"),
     }
-    for name, share in (("median", 50), ("worst", 100)) if delays else ():
-        metrics[f"delay_{name}.{group}"] = Metric(float(np.percentile(delays, share)), "s")
+    for name, (share, limit) in _DELAYS.items() if delays else ():
+        most = limit if stops[0].imu else None
+        delay = float(np.percentile(delays, share))
+        metrics[f"delay_{name}.{group}"] = Metric(delay, "s", at_most=most)
     return metrics
 
 
