@@ -56,6 +56,7 @@ BODY = np.dtype(
         ("inverse_variance", "f8"),
         # Recent change of the velocity that the specific force does not explain, x, y [m/s].
         ("contradiction", "f8", 2),
+        ("pushed", "f8"),  # evidence of an external force, as `lost` of a wheel [nats]
         ("responded", "?"),  # whether the wheels have responded to the brakes
     ]
 )

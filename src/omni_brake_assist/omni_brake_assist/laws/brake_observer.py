@@ -7,6 +7,9 @@ brake works, and for that without the force of one brake. The logarithm of the r
 likelihoods is accumulated for each wheel (Page's cumulative sum, as in `monitors.brake_monitor`).
 A slip of the wheel is evidence that its brake works.
 
+A push, or any other external force, changes the specific force too, but in any direction. It is a
+further hypothesis, so that a brake only counts as failed if its force explains the change better.
+
 Ice does not look like a failure: a wheel on ice slows down, so its calculated friction force
 decreases, too. The mass ``m`` is estimated by recursive least squares over the stop while there is
 no evidence of a failure, because an error that is common to all forces must not count as one. The
@@ -36,11 +39,13 @@ ROLLS = 2.5
 deviations of a rolling rim [1]."""
 
 _CERTAIN = 0.95  # probability above which a brake counts as failed [1]
-_MOST = 4.0  # largest evidence per correlation time, so that no single reading decides [1]
+# Largest evidence of an external force per correlation time, so that no single reading decides [1].
+_MOST = 4.0
 _FORCE = 0.12  # standard deviation of the friction force of a wheel, relative to this force [1]
 _LATE = 0.03  # time constant with which a brake may lag behind its nominal force [s]
 _VELOCITY = 0.03  # error of the velocity from the specific force that contradicts the twist [m/s]
 _ACCELERATION = 0.25  # standard deviation of the specific force, including swaying tires [m/s^2]
+_PUSH = 1.0  # standard deviation of the effect of an external force, a tenth of the weight [m/s^2]
 _CORRELATION = 0.03  # time over which these errors are correlated [s]
 # Time constant with which evidence is forgotten [s]. The evidence of a failure grows faster. Wrong
 # forces of locked wheels, for example, may cause little evidence per time, but for a long time.
@@ -68,9 +73,11 @@ def observe_brakes(law: Constants, memory: Memory, motion: Motion) -> bool:
         s_xx, s_xy, s_yy = s_xx + variance * x * x, s_xy + variance * x * y, s_yy + variance * y * y
     force, spread = (force_x, force_y), (s_xx, s_xy, s_yy)
     felt = _acceleration(law, memory, motion)
-    works = _evidence(memory, felt, force, spread)
+    pushed = _evidence(memory, felt, force, spread, _PUSH)
+    works = max(_evidence(memory, felt, force, spread, 0.0), pushed - _MOST)
     share, largest = min(body.dt / _CORRELATION, 1.0), 0.0
     kept = math.exp(-body.dt / _FORGET)
+    body.pushed = max(kept * body.pushed + share * (pushed - works), 0.0)
     follow = 1.0 - math.exp(-body.dt / _LATE)
     # The brake forces are known only if the wheels have responded within the longest dead time.
     begun = body.responded and body.steps * body.dt > LONGEST_DEAD_TIME >= body.dead_time
@@ -81,8 +88,8 @@ def observe_brakes(law: Constants, memory: Memory, motion: Motion) -> bool:
         variance = _variance(law, memory, i)
         known = s_xx - variance * x * x, s_xy - variance * x * y, s_yy - variance * y * y
         slip = (wheel.hub - wheel.speed) / (WHEEL_DEVIATION + SHARE * wheel.hub)
-        gained = _evidence(memory, felt, without, known) - works
-        gained = min(gained + 0.5 * min(ROLLS**2 - slip**2, 0.0), _MOST)
+        gained = _evidence(memory, felt, without, known, 0.0) - works
+        gained += 0.5 * min(ROLLS**2 - slip**2, 0.0)
         wheel.late_brake += follow * (wheel.brake - wheel.late_brake)
         wheel.lost *= kept
         if begun and wheel.known and wheel.hub >= SLOW:
@@ -115,7 +122,8 @@ def failed_brake(memory: Memory, pedal: float) -> int:
     """Return the wheel whose brake has failed, or NO_WHEEL; without pedal, delete the evidence."""
     if pedal <= 0.0:
         memory.wheel["lost"][:] = 0.0
-    lost, total = memory.wheel["lost"], 1.0  # the hypothesis that all brakes work has the ratio 1
+    # The hypothesis that all brakes work has the ratio 1.
+    lost, total = memory.wheel["lost"], 1.0 + math.exp(memory.body[0].pushed)
     for value in lost:
         total += math.exp(value)
     most, error = lost.argmax(), memory.body[0].contradiction
@@ -137,7 +145,7 @@ def _variance(law: Constants, memory: Memory, i: int) -> float:
 
 
 @lean
-def _evidence(memory: Memory, felt: Pair, force: Pair, spread: Triple) -> float:
+def _evidence(memory: Memory, felt: Pair, force: Pair, spread: Triple, push: float) -> float:
     """Return the log-likelihood of the measured specific force, except a constant.
 
     Args:
@@ -145,9 +153,10 @@ def _evidence(memory: Memory, felt: Pair, force: Pair, spread: Triple) -> float:
         felt: specific force at the center of the wheels [m/s^2].
         force: sum of the friction forces of all wheels [N].
         spread: covariance (xx, xy, yy) of this sum [N^2].
+        push: standard deviation of an external force, relative to the mass [m/s^2].
     """
     body, (x, y), (s_xx, s_xy, s_yy) = memory.body[0], force, spread
-    inverse, noise = body.inverse_mass, _ACCELERATION**2
+    inverse, noise = body.inverse_mass, _ACCELERATION**2 + push**2
     c_xx = noise + inverse**2 * s_xx + body.inverse_variance * x * x
     c_xy = inverse**2 * s_xy + body.inverse_variance * x * y
     c_yy = noise + inverse**2 * s_yy + body.inverse_variance * y * y

@@ -34,6 +34,7 @@ class Stop:
     def __init__(self, law: Constants, *, imu: bool = True) -> None:
         self.law, self.memory, self.imu = law, allocation.new_memory(law), imu
         self.error = 0.0  # of the accelerometer along x [m/s^2]
+        self.push = 0.0, 0.0  # external force [N]
         body, wheel = self.memory.body[0], self.memory.wheel
         body["dt"], body["responded"] = DT, True
         body["inverse_mass"] = 1.0 / law.mass
@@ -52,7 +53,7 @@ class Stop:
         wheel, body = self.memory.wheel, self.memory.body[0]
         wheel["brake"], wheel["measured"] = intended, intended
         wheel["speed"] = wheel["last_speed"] = HUB * (1.0 - 0.1 * (forces > 0.0))
-        x, y = -(wheel["sign"] * forces) @ self.law.active[:, :2] / mass
+        x, y = (self.push - (wheel["sign"] * forces) @ self.law.active[:, :2]) / mass
         body["twist"] = HUB - x * DT, -y * DT, 0.0
         x, y = (x + self.error, y) if self.imu else (np.nan, np.nan)
         line, speeds = (0.0, 1.0), wheel["speed"] / self.law.rim
@@ -100,6 +101,18 @@ def test_ice_that_the_wheels_show_is_no_failure(law: Constants) -> None:
     stop.run(BEFORE, grip, grip, NOMINAL_MASS)
     iced = np.array([0.2, 0.2, 1.0, 1.0]) * FORCE
     assert stop.run(1.0, iced, iced, NOMINAL_MASS) == np.inf
+
+
+@pytest.mark.parametrize("angle", np.arange(0.0, 360.0, 15.0))
+def test_a_push_is_no_failure(law: Constants, angle: float) -> None:
+    """From ahead, and from where it equals a lost brake (45 and 315 deg), it is not tried."""
+    stop, all_work = Stop(law), np.full(4, FORCE)
+    stop.run(BEFORE, all_work, all_work, NOMINAL_MASS)
+    stop.push = tuple(
+        1.5 * FORCE * np.array([np.cos(np.radians(angle)), np.sin(np.radians(angle))])
+    )
+    found_after = stop.run(0.4, np.full(4, FORCE) + 1e-9, all_work, NOMINAL_MASS)
+    assert found_after == np.inf
 
 
 def test_two_brakes_without_torque_are_not_attributed_to_one(law: Constants) -> None:
