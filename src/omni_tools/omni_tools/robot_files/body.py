@@ -15,27 +15,31 @@ from omni_tools.robot_files.wheels import Wheels
 
 _IMU = re.compile(r"(^|[/_])imu\d*($|[/_])", re.IGNORECASE)
 _CAMERA = re.compile(r"cam(era)?\d*($|[/_])|line_?scan|flow|otos|pmw3901|paa5100", re.IGNORECASE)
-_LIGHTEST = 0.1  # smallest mass of a vehicle; less stands for an unknown mass [kg]
+_LIGHTEST = 0.5  # smallest mass of a vehicle; less stands for an unknown mass [kg]
+_LOWEST = 0.5  # smallest plausible ratio of the center of gravity's height to a wheel radius [1]
 _DOWN = -0.7  # limit on the vertical part of the direction of view of a camera at the ground
 _SPAN = 0.5  # smallest plausible ratio of the chassis to the wheelbase, or to the track [1]
 
 
 def ground_height(found: Described, robot: Robot, wheels: Wheels) -> float | None:
     """Return the height of the ground in base_link [m]; None if no radius is known."""
-    if not found.radii:
-        return None
-    radius = float(np.mean(found.radii))
+    radius = float(np.mean(found.radii)) if found.radii else None
     axle = float(np.mean([wheel.place[2] for wheel in wheels]))
     footprint = next((name for name in robot.links if name.endswith("footprint")), None)
     if footprint is not None:
-        height = axle - float(robot.pose(footprint)[2, 3])
-        if abs(height - radius) > DIFFERENT * radius + 1e-3:
+        height = round(axle - float(robot.pose(footprint)[2, 3]), 6) + 0.0
+        if radius is None:
+            found.questions.append(
+                f"the axles are {plain(height, 4)} m above {footprint}: is this the radius of the "
+                "wheels? (--wheel-radius)"
+            )
+        elif abs(height - radius) > DIFFERENT * radius + 1e-3:
             found.contradictions.append(
                 f"height of the axles: {plain(height, 4)} m above {footprint} in {robot.file}, but "
                 f"the radius is {plain(radius, 4)} m; used: the radius; measure the height of the "
                 "axle of the loaded wheel"
             )
-    return axle - radius
+    return None if radius is None else axle - radius
 
 
 def weigh(found: Described, robot: Robot, wheels: Wheels, ground: float | None) -> None:
@@ -52,10 +56,20 @@ def weigh(found: Described, robot: Robot, wheels: Wheels, ground: float | None) 
             f"does the robot weigh {plain(mass, 4)} kg? (--mass)"
         )
     found.mass = rounded(mass)
-    found.center = None if ground is None else center - np.array((0.0, 0.0, ground))
     source = f"sum over the links of {robot.file}"
-    of_center = () if ground is None else ("body.x", "body.height")
-    found.sources |= dict.fromkeys(("body.mass", *of_center), source)
+    found.sources["body.mass"] = source
+    if ground is not None:
+        height, radius = float(center[2]) - ground, float(np.mean(found.radii))
+        found.sources |= dict.fromkeys(("body.x", "body.height"), source)
+        if height < _LOWEST * radius:
+            found.contradictions.append(
+                f"center of gravity: {plain(height)} m above the ground in {robot.file}, too "
+                f"low on wheels of a radius of {plain(radius)} m; used: an estimate; correct the "
+                "origins of the inertias"
+            )
+            height = math.nan
+            del found.sources["body.height"]
+        found.center = np.array((*center[:2], height))
     reach = 0.5 * math.hypot(found.measured["length"], found.measured["width"])
     yaw = float(inertia[2, 2])
     found.yaw_inertia = _possible(found, "body.yaw_inertia", yaw, mass * reach**2, source)

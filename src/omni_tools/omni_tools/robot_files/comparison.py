@@ -19,7 +19,7 @@ def compare(found: Described, robot: Robot, wheels: Wheels, controller: Controll
     """List differences between the wheels of a description and those of a controller."""
     x, y, theta = controller.offset
     places = {wheel.joint: turned(wheel.place[:2], theta) for wheel in wheels}
-    center = np.mean(list(places.values()), axis=0)
+    center = np.array(np.round(np.mean(list(places.values()), axis=0), 6)) + 0.0
     if math.dist(center, (-x, -y)) > 1e-3 + DIFFERENT * float(np.ptp(list(places.values()))):
         found.contradictions.append(
             f"center of the wheels in {robot.base}: ({plain(center[0])}, {plain(center[1])}) m in "

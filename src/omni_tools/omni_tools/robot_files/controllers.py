@@ -163,7 +163,7 @@ def read_controllers(path: Path) -> list[Controller]:
     for section, values in sections.items():
         # Sections such as /**/drive and /drive may give parts of the same node.
         known = nodes.setdefault(section.rpartition("/")[2], {})
-        if any(known.get(key, value) != value for key, value in values.items()):
+        if any(str(known.get(key, value)) != str(value) for key, value in values.items()):  # NaN
             known = nodes.setdefault(section, {})
         known |= values
     types = {

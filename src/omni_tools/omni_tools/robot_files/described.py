@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 import re
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -26,7 +27,8 @@ class Described:
         wheels: wheels in base_link, keyed by joint; without a radius if it is unknown.
         chassis: smallest and largest x and y of the chassis [m], shape (2, 2).
         mass: mass [kg].
-        center: center of gravity in base_link, with its height above the ground [m], shape (3,).
+        center: center of gravity in base_link, with its height above the ground, NaN if it is
+            unknown [m], shape (3,).
         yaw_inertia: moment of inertia about the vertical through the center of gravity [kg m^2].
         wheel_inertia: mean moment of inertia of a wheel about its axis [kg m^2].
         imu: pose of the IMU in base_link, shape (4, 4).
@@ -73,8 +75,8 @@ class Described:
         """Values of the body in the vehicle's file, except its mass."""
         values: dict[str, float] = {}
         if self.center is not None:
-            x, y, height = map(rounded, self.center.tolist())
-            values = {"x": x, "y": y, "height": max(height, 0.0)}
+            x, y, height = map(rounded, np.round(self.center, 6).tolist())
+            values = {"x": x, "y": y} | ({} if math.isnan(height) else {"height": height})
         if self.yaw_inertia is not None:
             values["yaw_inertia"] = rounded(self.yaw_inertia)
         return values
@@ -86,12 +88,13 @@ class Described:
 
     @property
     def _extent(self) -> FloatArray:
-        """Extent of the chassis, or of the wheels if it is unknown [m], shape (2, 2)."""
+        """Extent of the chassis, or around the wheels if it is unknown [m], shape (2, 2)."""
         if self.chassis is not None:
             return self.chassis
-        around = max(self.radii, default=0.0)
         places = np.array([(wheel["x"], wheel["y"]) for wheel in self.wheels.values()])
-        return np.array([places.min(axis=0) - around, places.max(axis=0) + around])
+        center = places.mean(axis=0)
+        half = np.max(np.abs(places - center), axis=0) + max(self.radii, default=0.0)
+        return np.array([center - half, center + half])
 
     def differ(self, what: str, values: Mapping[str, float], used: str, remedy: str) -> None:
         """List values of a length [m], keyed by source, if they differ from the used one."""

@@ -40,6 +40,8 @@ _RADII = 1e-3, 1.0  # radii of omni-wheels in use [m]
 _UNITS = {"millimeters": 1000.0, "inches": 1.0 / 0.0254}  # lengths of a meter
 _OBLIQUE = 10.0  # smallest angle of a Mecanum wheel's rollers from its axle and its plane [deg]
 _NEAR = 30.0  # limit on the angle between an axle and the direction across the motion [deg]
+_BESIDE = 0.01  # distance from the center of the wheels at which a wheel is on one side [m]
+_SIDES = (("front", 0, 1), ("rear", 0, -1), ("back", 0, -1), ("left", 1, 1), ("right", 1, -1))
 _LEVER = 0.3  # smallest plausible ratio of lever to distance of omni-wheels; 1 if tangential [1]
 _ALIKE = 0.1  # difference of two radii in the same unit, relative [1]
 _ROLLERS = (
@@ -142,12 +144,20 @@ def _kind(
                 f"{controller.kind} wheels; used: {controller.kind}; look at the wheels"
             )
         return controller.kind
-    words = ("", "Mecanum wheels", "omni") if parallel else ("not ", "omni-wheels", "mecanum")
+    arms = _arms(wheels)
+    lever, distance = float(np.mean(np.abs(arms[:, 1]))), float(np.mean(np.hypot(*arms.T)))
+    kind, name, other, why = OMNI, "omni-wheels", MECANUM, "the axles are not parallel"
+    if parallel or lever < _LEVER * distance:
+        kind, name, other, why = MECANUM, "Mecanum wheels", OMNI, "the axles are parallel"
+    if kind == MECANUM and not parallel:
+        why = (
+            "the axes let the wheels roll past their center at a distance of only "
+            f"{plain(lever, 2)} m, as axes of the rollers of Mecanum wheels would"
+        )
     found.questions.append(
-        "the axles are {}parallel, so the wheels are taken as {}: are they? (--kind {} for "
-        "others)".format(*words)
+        f"{why}, so the wheels are taken as {name}: are they? (--kind {other} for others)"
     )
-    return MECANUM if parallel else OMNI
+    return kind
 
 
 def _are_parallel(wheels: Wheels) -> bool:
@@ -155,18 +165,15 @@ def _are_parallel(wheels: Wheels) -> bool:
     return max(away) < PARALLEL
 
 
-def _check_levers(found: Described, wheels: Wheels, center: FloatArray) -> None:
-    """List omni-wheels that roll toward their center, as if the axes were those of rollers."""
-    arms = [turned(one.place[:2] - center, -math.radians(one.heading_deg)) for one in wheels]
-    lever, distance = (
-        float(np.mean(one)) for one in (np.abs(arms)[:, 1], np.hypot(*np.transpose(arms)))
+def _arms(wheels: Wheels) -> FloatArray:
+    """Return the positions of N wheels from their center [m], shape (N, 2).
+
+    The axes are those of each wheel: its rolling direction, and the direction to the left of it.
+    """
+    center = np.mean([wheel.place[:2] for wheel in wheels], axis=0)
+    return np.array(
+        [turned(one.place[:2] - center, -math.radians(one.heading_deg)) for one in wheels]
     )
-    if found.kind == OMNI and lever < _LEVER * distance:
-        found.contradictions.append(
-            f"the axes let the wheels roll past their center at a distance of {plain(lever, 2)} m, "
-            "so omni-wheels could hardly turn the robot; used: the axes; Mecanum wheels may be "
-            "described with the axes of their rollers (--kind mecanum)"
-        )
 
 
 def _place_wheels(
@@ -181,12 +188,12 @@ def _place_wheels(
     assumed = {} if controller is None else controller.assumed
     if controller is None and found.kind == MECANUM and not _are_parallel(wheels):
         assumed = {wheel.joint: (0.0, 1.0) for wheel in wheels}
-    _check_levers(found, wheels, center)
     alike: dict[tuple[tuple[str, float], ...], list[str]] = {}  # joints with the same radii
     for wheel in wheels:
         heading, factor = assumed.get(wheel.joint, (wheel.heading_deg, 1.0))
         heading = _rolling_direction(heading, wheel.heading_deg)
-        values = {"x": round(float(wheel.place[0]), 6), "y": round(float(wheel.place[1]), 6)}
+        x, y = (round(float(value), 6) + 0.0 for value in wheel.place[:2])
+        values = {"x": x, "y": y}
         if abs(heading) > 1e-3:
             values["heading_deg"] = heading
         ahead, left = turned(wheel.place[:2] - center, -math.radians(heading))
@@ -275,6 +282,14 @@ def _ask_about_directions(
     backward = ", ".join(name for name, angle in difference.items() if angle > 135.0)
     correct = "correct <axis> of the joint, which is 1 0 0 if the file does not name it"
     by_hand = "turn these wheels forward by hand and look at the sign of their velocity"
+    sense = np.sign(_arms(wheels)[:, 1])
+    if found.kind == OMNI and controller is None and np.ptp(sense) > 0.0:
+        fewer = -math.copysign(1.0, float(np.sum(sense)))
+        names = ", ".join(w.joint for w, one in zip(wheels, sense, strict=True) if one == fewer)
+        found.questions.append(
+            f"by their axes, {names} would turn the robot the other way than the other wheels: do "
+            "their encoders count so? (turn the robot by hand and compare the signs of the speeds)"
+        )
     if sideways and controller is not None:
         found.contradictions.append(
             f"{sideways}: the axis in {file} is not across the direction in which "
@@ -298,6 +313,18 @@ def _ask_about_directions(
 
 
 def _ask_about_names(found: Described, wheels: Wheels) -> None:
+    center = np.mean([wheel.place[:2] for wheel in wheels], axis=0)
+    elsewhere = [
+        wheel.joint
+        for wheel in wheels
+        for word, axis, sign in _SIDES
+        if word in wheel.joint.lower() and sign * (wheel.place[:2] - center)[axis] < -_BESIDE
+    ]
+    if elsewhere:
+        found.contradictions.append(
+            f"{', '.join(dict.fromkeys(elsewhere))}: not where their names say; used: the "
+            "positions; does x of base_link point forward, and y to the left?"
+        )
     changed = [wheel.joint for wheel in wheels if wheel.joint not in found.wheels]
     if changed:
         found.questions.append(
@@ -305,12 +332,17 @@ def _ask_about_names(found: Described, wheels: Wheels) -> None:
             f"{', '.join(INVALID.sub('_', name) for name in changed)}: do messages reach the nodes "
             "with these names?"
         )
-    for wheel in wheels:
-        if abs(wheel.beside) > max(DIFFERENT * wheel.width, 1e-3):
-            found.contradictions.append(
-                f"{wheel.joint}: the middle of its collision shape is {plain(abs(wheel.beside))} m "
-                "beside its joint along the axle; used: the joint; measure the track"
-            )
+    apart = {
+        wheel.joint: f"{plain(abs(wheel.beside))} m"
+        for wheel in wheels
+        if abs(wheel.beside) > max(DIFFERENT * wheel.width, 1e-3)
+    }
+    if apart:
+        found.contradictions.append(
+            f"{', '.join(apart)}: the middle of the collision shape is "
+            f"{', '.join(dict.fromkeys(apart.values()))} beside the joint along the axle; "
+            "used: the joint; measure the track"
+        )
 
 
 def _check_units(radii: Mapping[str, float], place: FloatArray, file: str) -> None:

@@ -140,8 +140,9 @@ def _likely(robot: Robot) -> list[Joint]:
         if _WHEEL.search(f"{joint.name} {joint.child}")
         and not _NO_WHEEL.search(f"{joint.name} {joint.child}")
     ]
-    lowest = min((float(robot.pose(one.child)[2, 3]) for one in moving), default=0.0)
-    low = [one for one in moving if robot.pose(one.child)[2, 3] < lowest + _LEVEL]
+    outermost = _outermost(robot, moving)  # not the rollers below
+    lowest = min((float(robot.pose(one.child)[2, 3]) for one in outermost), default=0.0)
+    low = [one for one in outermost if robot.pose(one.child)[2, 3] < lowest + _LEVEL]
     turning = [joint for joint in named if joint.kind in _MOVING]
     for joints in (driven, turning, named, low):
         outer = _outermost(robot, joints)

@@ -9,12 +9,12 @@ import ast
 import contextlib
 import importlib
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 from xml.parsers.expat import ExpatError
 
-from omni_core.configuration import ConfigurationError
+from omni_core.configuration import ConfigurationError, did_you_mean
 from omni_core.files import read_text
 from omni_core.plugins import import_optional
 
@@ -22,7 +22,9 @@ from omni_core.plugins import import_optional
 _SPECIAL = re.compile(r"_|(gi|cr|ag|tb|co)_|f_(back|builtins|code|globals|locals)$")
 _REFLECTION = ("vars", "type")
 _FIND = re.compile(r"\$\(find\s+([^)\s]+)\s*\)|find\('([^']+)'\)|package://([\w-]+)/")
+_ARGUMENT = re.compile(r"<xacro:arg\b[^>]*?\bname=[\"'](\w+)|\$\(arg\s+(\w+)")
 _MISSING = re.compile(r"[Pp]ackage '?([\w-]+)'? not found")
+_NO_FILE = re.compile(r"No such file or directory: '?([^']+?)(?:'|$)")
 _LEVELS = 3  # folders above a package in which its sibling packages are looked for
 _REMEDY = "on the robot, xacro FILE > robot.urdf writes a file that needs no other"
 
@@ -64,6 +66,14 @@ def read_description(
 def _expanded(xacro: Any, path: Path, arguments: Mapping[str, str]) -> str:
     try:
         document = xacro.process_file(str(path.resolve()), mappings=dict(arguments), verbosity=0)
+        files = (path, *map(Path, xacro.all_includes))
+        known = [
+            name for file in files for names in _ARGUMENT.findall(_text(file)) for name in names
+        ]
+        if unknown := [name for name in arguments if name not in known]:
+            hint = did_you_mean(unknown[0], filter(None, known))
+            problem = f"{path} uses no argument {unknown[0]}{hint}"
+            raise ConfigurationError("--from", problem)
         return str(document.toxml())
     except ConfigurationError:
         raise
@@ -71,9 +81,6 @@ def _expanded(xacro: Any, path: Path, arguments: Mapping[str, str]) -> str:
         problem = f"is not valid XML: {error}"
     except RecursionError:
         problem = "includes or calls itself without end"
-    except xacro.XacroException as error:
-        lacking = getattr(error.exc, "filename", None)
-        problem = f"lacks the file {Path(lacking).resolve()}" if lacking else _reason(error)
     except Exception as error:  # xacro passes on every error of an evaluated expression
         problem = _reason(error)
     place = Path((xacro.filestack or [path])[-1])
@@ -88,6 +95,8 @@ def _reason(error: Exception) -> str:
             f"the package {found[1]} is not in the folders around it; put its folder next to them, "
             "source a workspace that has it, or leave out what it contains by --skip-missing"
         )
+    if found := _NO_FILE.search(text):
+        return f"lacks the file {Path(found[1]).resolve()}"
     if found := re.search(r"Undefined substitution argument (\S+)", text):
         return f"the argument {found[1]} has no value; give {found[1]}:=VALUE"
     if found := re.search(r"name '(\w+)' is not defined", text):
@@ -112,6 +121,7 @@ def _guarded(
     find, evaluate = index.get_package_share_directory, xacro.safe_eval
     extend = xacro.eval_extension
     include, call = xacro.get_include_files, xacro.handle_macro_call
+    absolute = xacro.abs_filename_spec
 
     def checked_evaluate(text: str, symbols: Any, *more: Any) -> Any:
         _check(text)
@@ -148,10 +158,19 @@ def _guarded(
     checked = {(xacro, "safe_eval"): checked_evaluate, (xacro, "eval_extension"): checked_extend}
     return {
         (index, "get_package_share_directory"): find_around,
+        (xacro, "abs_filename_spec"): lambda name: _in_package(absolute(name), packages.values()),
         (xacro, "get_include_files"): include_what_exists,
         (xacro, "handle_macro_call"): call_what_exists,
         **({} if trust else checked),
     }
+
+
+def _in_package(name: str, packages: Iterable[Path]) -> str:
+    """Return a file, also if the package installs its folder, such as bringup/config, as config."""
+    path = Path(name)
+    inside = [one for one in packages if path.is_relative_to(one)] if not path.exists() else []
+    found = sorted(inside[0].rglob(str(path.relative_to(inside[0])))) if inside else []
+    return str(found[0]) if found else name
 
 
 def _check(expression: str) -> None:

@@ -11,15 +11,18 @@ import dataclasses
 import re
 import shlex
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from omni_core.brakes import BRAKES, BRAKES_IN_WORDS
 from omni_core.commands.command_options import CommandOptions, option, option_of
 from omni_core.commands.command_report import Report, entries_by_case, make_folder
 from omni_core.configuration import ConfigurationError, declared_parameters, from_mapping
 from omni_runs.workspace import ExperimentWorkspace
+
+if TYPE_CHECKING:
+    from omni_tools.robot_files.described import Described
 
 _MECANUM, _OMNI, _KIWI = KINDS = ("mecanum", "omni", "kiwi")
 _USUAL = {_MECANUM: 4, _OMNI: 4, _KIWI: 3}  # default number of wheels
@@ -79,7 +82,7 @@ def run(options: Options, workspace: ExperimentWorkspace) -> Report:
         how = {"trust": options.trust, "skip_missing": options.skip_missing}
         found = described_vehicle(options.files, given, options.wheel_radius, **how)
         found.questions = [one for one in found.questions if not _answered(one, options)]
-    answers = _answers(options, {} if found is None else found.measured)
+    answers = _answers(options, found)
     try:
         measured = from_mapping(Measured if found is None else MeasuredByFiles, answers)
     except ConfigurationError as error:
@@ -125,12 +128,12 @@ def _answered(question: str, options: Options) -> bool:
     return bool(names) and all(getattr(options, name, None) is not None for name in names)
 
 
-def _answers(options: Options, described: Mapping[str, Any]) -> dict[str, Any]:
+def _answers(options: Options, found: "Described | None") -> dict[str, Any]:
     """Return the values of `Measured`; ask on the terminal for missing values.
 
     Args:
         options: options of the command, which come first.
-        described: values from the files of a robot.
+        found: vehicle that the files of a robot describe, if any.
 
     Raises:
         ConfigurationError: a value is missing, and there is no terminal; all are named.
@@ -139,6 +142,7 @@ def _answers(options: Options, described: Mapping[str, Any]) -> dict[str, Any]:
 
     values: dict[str, Any] = {}
     lacking: list[ConfigurationError] = []
+    described = {} if found is None else found.measured
     for name, kind, info in declared_parameters(Measured):
         usual: Any = getattr(Measured, name, None)
         if name == "wheels":
@@ -155,7 +159,10 @@ def _answers(options: Options, described: Mapping[str, Any]) -> dict[str, Any]:
             lacking.append(error)
     if lacking:
         first, *others = lacking
-        raise ConfigurationError(first.key, "; ".join((first.problem, *map(str, others))))
+        asked = () if found is None else found.questions
+        reasons = [one for one in asked if any(error.key in one for error in lacking)]
+        problems = (first.problem, *map(str, others), *reasons)
+        raise ConfigurationError(first.key, "; ".join(problems))
     if values["kind"] == _KIWI:
         if values["wheels"] != _USUAL[_KIWI]:
             raise ConfigurationError("--wheels", f"{values['wheels']} must be 3 for a kiwi")

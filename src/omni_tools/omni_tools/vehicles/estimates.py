@@ -29,7 +29,7 @@ class Measured(Configuration):
     """length of the chassis"""
     width: float = parameter(unit="m", above=0.0, maximum=50.0)
     """width of the chassis"""
-    mass: float = parameter(unit="kg", above=0.0, maximum=1.0e5)
+    mass: float = parameter(unit="kg", minimum=0.5, maximum=1.0e5)
     """mass of the vehicle with its wheels"""
     wheel_radius: float = parameter(unit="m", above=0.0, maximum=2.0)
     """radius of a wheel"""

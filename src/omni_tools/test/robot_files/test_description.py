@@ -122,13 +122,43 @@ base:
 
 def test_mecanum_wheels_may_be_described_with_the_axes_of_their_rollers(described: Write) -> None:
     axis = {corner: f"{-x * y} 1 0" for corner, (x, y) in SIGNS.items()}
+    assert described(mecanum_urdf(axis=axis), kind="omni").kind == "omni"
     found = described(mecanum_urdf(axis=axis))
-    assert found.kind == "omni"
-    assert any("could hardly turn the robot" in one for one in found.contradictions)
-    found = described(mecanum_urdf(axis=axis), kind="mecanum")
+    assert any("roll past their center at a distance of only" in one for one in found.questions)
     for name, wheel in described(mecanum_urdf()).wheels.items():
         assert "heading_deg" not in found.wheels[name]
         assert found.wheels[name]["roller_angle_deg"] == wheel["roller_angle_deg"]
+
+
+def test_an_omni_wheel_that_counts_the_other_way_is_asked_about(described: Write) -> None:
+    words = "a would turn the robot the other way than the other wheels"
+    assert not any(words in one for one in described(omni_urdf()).questions)
+    found = described(omni_urdf().replace('<axis xyz="0 0 1"/>', '<axis xyz="0 0 -1"/>', 1))
+    assert any(words in one for one in found.questions)
+
+
+def test_wheels_elsewhere_than_their_names_say_are_listed(described: Write) -> None:
+    assert described(mecanum_urdf(name="{}_wheel_joint")).contradictions == []
+    urdf = mecanum_urdf(name="{}_wheel_joint")
+    for corner in ("fl", "fr", "rl", "rr"):
+        ahead, side = {"f": "front", "r": "back"}[corner[0]], {"l": "left", "r": "Right"}[corner[1]]
+        urdf = urdf.replace(f"{corner}_wheel_joint", f"{ahead}{side}_wheel_joint")
+    assert described(urdf).contradictions == []
+    (listed,) = described(urdf.replace("frontleft", "BACKleft")).contradictions
+    assert listed.startswith("BACKleft_wheel_joint: not where their names say; used: the positions")
+
+
+def test_wheels_may_have_other_names_than_their_rollers(described: Write) -> None:
+    rollers = "".join(
+        joint(f"{name}_roller_wheel_joint", f"{name}_rim", f"{name}_roller", "0 0 -0.04")
+        + link(f"{name}_roller", mass=0.01)
+        for name in ("fl", "fr", "rl", "rr")
+    )
+    urdf = mecanum_urdf(name="{}_axle", extra=rollers)
+    found = described(
+        re.sub(r'"(\w\w)_wheel"', r'"\1_rim"', urdf).replace("roller_wheel", "roller")
+    )
+    assert set(found.wheels) == {f"{name}_axle" for name in ("fl", "fr", "rl", "rr")}
 
 
 def test_directions_of_an_unknown_controller_of_omni_wheels_are_not_assumed(
@@ -181,6 +211,26 @@ def test_the_offset_of_the_controller_is_compared(described: Write) -> None:
     assert listed.startswith("center of the wheels in base_link: (0, 0) m in robot.urdf, (-0.1, ")
     urdf = mecanum_urdf().replace('xyz="0.2 ', 'xyz="0.1 ').replace('xyz="-0.2 ', 'xyz="-0.3 ')
     assert described(urdf, text).contradictions == []
+
+
+def test_parameters_may_be_nan(described: Write) -> None:
+    found = described(mecanum_urdf(), f"{CONTROLLER}    linear.x.max_jerk: .NAN\n")
+    assert found.contradictions == []
+    assert found.wheels["fl_joint"]["radius"] == 0.05
+
+
+def test_shapes_beside_the_joints_are_listed_once(described: Write) -> None:
+    apart = '<origin xyz="0 0.03 0" rpy='
+    found = described(mecanum_urdf().replace("<origin rpy=", apart))
+    (listed,) = found.contradictions
+    assert listed.startswith("fl_joint, fr_joint, rl_joint, rr_joint: the middle of the collision")
+    assert "0.03 m beside the joint" in listed
+
+
+def test_the_chassis_around_three_wheels_has_its_middle_between_them(described: Write) -> None:
+    found = described(omni_urdf(), radius=0.05)
+    np.testing.assert_allclose(found.chassis_center, 0.0, atol=1e-6)
+    assert found.measured["length"] == pytest.approx(2.0 * (0.13 + 0.05))
 
 
 def test_a_file_without_a_known_controller_is_named(described: Write) -> None:
@@ -266,6 +316,16 @@ def test_axles_above_the_ground_and_impossible_inertias_are_listed(described: Wr
     listed = described(urdf, CONTROLLER).contradictions
     assert any("height of the axles: 0.08 m above base_footprint" in one for one in listed)
     assert any("wheel_inertia: 1 kg m^2" in one and "used: an estimate" in one for one in listed)
+
+
+def test_a_center_of_gravity_in_the_ground_is_listed(tmp_path: Path) -> None:
+    (tmp_path / "low.urdf").write_text(
+        mecanum_urdf().replace('xyz="0.02 0 0.05"', 'xyz="0 0 -0.1"')
+    )
+    document = run(tmp_path, str(tmp_path / "low.urdf"))
+    assert any("center of gravity: 0.00833 m above" in one for one in document["contradictions"])
+    text = (tmp_path / "vehicle/vehicle.yaml").read_text()
+    assert "height: 0.075 # estimate: 1.5 wheel radii" in text
 
 
 def test_wheels_are_found_by_what_drives_them_or_where_they_are(described: Write) -> None:
@@ -479,8 +539,12 @@ def test_what_is_missing_is_asked_for_and_may_be_given(tmp_path: Path) -> None:
     urdf = re.sub(lacking, "", mecanum_urdf())
     path = tmp_path / "robot.urdf"
     path.write_text(urdf)
-    with pytest.raises(ConfigurationError, match=r"--mass: is required.*; --wheel-radius: is"):
+    with pytest.raises(
+        ConfigurationError, match=r"--mass: is required.*; --wheel-radius: is"
+    ) as error:
         run(tmp_path, str(path))
+    assert "the axles are 0.05 m above base_footprint: is this the radius" in str(error.value)
+    assert "contains no plausible mass" in str(error.value)
     document = run(tmp_path, str(path), mass=15.0, wheel_radius=0.05, length=0.6, width=0.4)
     assert not any("what does the robot weigh?" in one for one in document["missing"])
     vehicle = ExperimentLibrary(CONFIG).load(str(tmp_path / "vehicle"), "assisted").vehicle
@@ -511,6 +575,20 @@ def test_xacro_finds_packages_beside_the_file(tmp_path: Path) -> None:
     assert found.wheels["fl_joint"]["y"] == 0.15
     wide = described_vehicle([str(main), "track:=0.5"])
     assert wide.wheels["fl_joint"]["y"] == 0.25
+    with pytest.raises(ConfigurationError, match="uses no argument trak; did you mean 'track'"):
+        described_vehicle([str(main), "trak:=0.5"])
+
+
+def test_xacro_finds_files_that_a_package_installs_elsewhere(tmp_path: Path) -> None:
+    main = write_packages(tmp_path / "src")
+    package = tmp_path / "src/wheels_description"
+    (package / "description").mkdir()
+    (package / "urdf").rename(package / "description/urdf")
+    assert len(described_vehicle([str(main)]).wheels) == 4
+    values = "${xacro.load_yaml('$(find wheels_description)/config/lost.yaml')['track']}"
+    main.write_text(main.read_text().replace("$(arg track)", values))
+    with pytest.raises(ConfigurationError, match=r"lacks the file .*/lost\.yaml; on the robot"):
+        described_vehicle([str(main)])
 
 
 @pytest.mark.parametrize(
