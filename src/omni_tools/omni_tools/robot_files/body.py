@@ -16,6 +16,7 @@ from omni_tools.robot_files.wheels import Wheels
 _IMU = re.compile(r"(^|[/_])imu\d*($|[/_])", re.IGNORECASE)
 _CAMERA = re.compile(r"cam(era)?\d*($|[/_])|line_?scan|flow|otos|pmw3901|paa5100", re.IGNORECASE)
 _LIGHTEST = 0.5  # smallest mass of a vehicle; less stands for an unknown mass [kg]
+_DENSEST = 4000.0  # largest plausible density of a wheel; half of that of steel [kg/m^3]
 _LOWEST = 0.5  # smallest plausible ratio of the center of gravity's height to a wheel radius [1]
 _DOWN = -0.7  # limit on the vertical part of the direction of view of a camera at the ground
 _SPAN = 0.5  # smallest plausible ratio of the chassis to the wheelbase, or to the track [1]
@@ -73,8 +74,14 @@ def weigh(found: Described, robot: Robot, wheels: Wheels, ground: float | None) 
     reach = 0.5 * math.hypot(found.measured["length"], found.measured["width"])
     yaw = float(inertia[2, 2])
     found.yaw_inertia = _possible(found, "body.yaw_inertia", yaw, mass * reach**2, source)
-    own, of_wheel = np.mean([(wheel.inertia, wheel.mass) for wheel in wheels], axis=0).tolist()
-    ring, source = of_wheel * max(found.radii, default=0.0) ** 2, f"links of {robot.file}"
+    radius = max(found.radii, default=0.0)
+    own, of_wheel, width = np.mean([(w.inertia, w.mass, w.width) for w in wheels], axis=0).tolist()
+    if of_wheel > (most := _DENSEST * math.pi * radius**2 * width) > 0.0:
+        found.contradictions.append(
+            f"mass of a wheel: {plain(of_wheel)} kg in links of {robot.file}, but its size permits "
+            f"at most {plain(most)} kg; used: the links; weigh the robot (--mass)"
+        )
+    ring, source = of_wheel * radius**2, f"links of {robot.file}"
     found.wheel_inertia = _possible(found, "wheel_inertia", own, ring, source)
 
 

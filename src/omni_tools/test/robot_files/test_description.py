@@ -313,7 +313,10 @@ def test_wheels_that_roll_along_y_by_their_axes_are_asked_about(described: Write
 
 def test_axles_above_the_ground_and_impossible_inertias_are_listed(described: Write) -> None:
     urdf = mecanum_urdf(height=0.08).replace('iyy="0.0006"', 'iyy="1"')
-    listed = described(urdf, CONTROLLER).contradictions
+    listed = described(
+        urdf.replace('mass value="0.5"', 'mass value="5"'), CONTROLLER
+    ).contradictions
+    assert any("mass of a wheel: 5 kg in" in one and "(--mass)" in one for one in listed)
     assert any("height of the axles: 0.08 m above base_footprint" in one for one in listed)
     assert any("wheel_inertia: 1 kg m^2" in one and "used: an estimate" in one for one in listed)
 
