@@ -269,47 +269,44 @@ def _estimate_rollers(
 def _ask_about_directions(
     found: Described, file: str, wheels: Wheels, controller: Controller | None
 ) -> None:
-    """List wheels that roll sideways, or backward for a positive speed, by their axis."""
-    assumed = {} if controller is None else controller.assumed
-    if controller is None and found.kind == MECANUM and _are_parallel(wheels):
-        assumed = {wheel.joint: (0.0, 1.0) for wheel in wheels}
+    """List wheels that by their axis roll sideways, backward, or against the other omni-wheels."""
+    forward: dict[str, float] = {}
+    if controller is not None:
+        forward = {joint: heading for joint, (heading, _) in controller.assumed.items()}
+    elif found.kind == MECANUM and _are_parallel(wheels):
+        forward = {wheel.joint: 0.0 for wheel in wheels}
     difference = {
-        wheel.joint: abs(wrapped(wheel.heading_deg - assumed[wheel.joint][0]))
+        wheel.joint: abs(wrapped(wheel.heading_deg - forward[wheel.joint]))
         for wheel in wheels
-        if wheel.joint in assumed
+        if wheel.joint in forward
     }
-    sideways = ", ".join(name for name, angle in difference.items() if 45.0 <= angle <= 135.0)
-    backward = ", ".join(name for name, angle in difference.items() if angle > 135.0)
-    correct = "correct <axis> of the joint, which is 1 0 0 if the file does not name it"
-    by_hand = "turn these wheels forward by hand and look at the sign of their velocity"
-    sense = np.sign(_arms(wheels)[:, 1])
-    if found.kind == OMNI and controller is None and np.ptp(sense) > 0.0:
-        fewer = -math.copysign(1.0, float(np.sum(sense)))
-        names = ", ".join(w.joint for w, one in zip(wheels, sense, strict=True) if one == fewer)
-        found.questions.append(
-            f"by their axes, {names} would turn the robot the other way than the other wheels: do "
-            "their encoders count so? (turn the robot by hand and compare the signs of the speeds)"
-        )
-    if sideways and controller is not None:
-        found.contradictions.append(
-            f"{sideways}: the axis in {file} is not across the direction in which "
-            f"{controller.name} rolls the wheel; used: {controller.name}; {correct}"
-        )
-    elif sideways:
-        found.questions.append(
-            f"by their axes, {sideways} roll along y of base_link, as heading_deg says: does x "
-            f"point forward? (otherwise turn base_link; or {correct})"
-        )
-    if backward and controller is not None:
-        found.contradictions.append(
-            f"{backward}: a positive speed is forward for {controller.name}, but "
-            f"backward by the axis in {file}; used: {controller.name}; {by_hand}"
-        )
-    elif backward:
-        found.questions.append(
-            f"by their axes, {backward} roll backward for a positive speed, as "
-            f"heading_deg says: do their encoders count so? ({by_hand})"
-        )
+    sense = np.sign(_arms(wheels)[:, 1]) * (found.kind == OMNI and controller is None)
+    against = [w.joint for w, one in zip(wheels, sense, strict=True) if one * np.sum(sense) < 0.0]
+    where = "base_link" if controller is None else controller.name
+    listed = found.questions if controller is None else found.contradictions
+    for names, problem, remedy in (
+        (
+            [name for name, angle in difference.items() if 45.0 <= angle <= 135.0],
+            f"they roll sideways in {where}",
+            "correct <axis> of the joint, which is 1 0 0 if the file does not name it, or turn "
+            "base_link so that x points forward",
+        ),
+        (
+            [name for name, angle in difference.items() if angle > 135.0],
+            f"a positive speed is backward in {where}",
+            "turn these wheels forward by hand and look at the sign of their velocity",
+        ),
+        (
+            against,
+            "a positive speed turns the robot the other way than that of the other wheels",
+            "turn the robot by hand and compare the signs of the velocities",
+        ),
+    ):
+        if names:
+            listed.append(
+                f"{', '.join(names)}: by the axes in {file}, {problem}; used: "
+                f"{'the axes' if controller is None else controller.name}; {remedy}"
+            )
 
 
 def _ask_about_names(found: Described, wheels: Wheels) -> None:

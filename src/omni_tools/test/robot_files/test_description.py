@@ -131,7 +131,7 @@ def test_mecanum_wheels_may_be_described_with_the_axes_of_their_rollers(describe
 
 
 def test_an_omni_wheel_that_counts_the_other_way_is_asked_about(described: Write) -> None:
-    words = "a would turn the robot the other way than the other wheels"
+    words = "a: by the axes in robot.urdf, a positive speed turns the robot the other way"
     assert not any(words in one for one in described(omni_urdf()).questions)
     found = described(omni_urdf().replace('<axis xyz="0 0 1"/>', '<axis xyz="0 0 -1"/>', 1))
     assert any(words in one for one in found.questions)
@@ -284,11 +284,14 @@ def test_a_wheel_that_turns_backward_is_listed(described: Write) -> None:
     urdf = mecanum_urdf(axis={"fr": "0 -1 0", "rr": "0 -1 0"})
     found = described(urdf, CONTROLLER)
     (listed,) = found.contradictions
-    assert listed.startswith("fr_joint, rr_joint: a positive speed is forward for")
+    assert listed.startswith(
+        "fr_joint, rr_joint: by the axes in robot.urdf, a positive speed is back"
+    )
+    assert "used: drive (controllers_0.yaml)" in listed
     assert all("heading_deg" not in wheel for wheel in found.wheels.values())
     alone = described(urdf)
     assert alone.wheels["fr_joint"]["heading_deg"] == 180.0
-    assert any("fr_joint, rr_joint roll backward" in one for one in alone.questions)
+    assert any("a positive speed is backward in base_link" in one for one in alone.questions)
 
 
 def test_a_forgotten_axis_is_listed_and_the_direction_of_the_controller_used(
@@ -306,9 +309,9 @@ def test_a_forgotten_axis_is_listed_and_the_direction_of_the_controller_used(
 def test_wheels_that_roll_along_y_by_their_axes_are_asked_about(described: Write) -> None:
     found = described(mecanum_urdf().replace('<axis xyz="0 1 0"/>', ""))
     assert {wheel["heading_deg"] for wheel in found.wheels.values()} == {-90.0}
-    words = "by their axes, fl_joint, fr_joint, rl_joint, rr_joint roll along y of base_link"
+    words = "fl_joint, fr_joint, rl_joint, rr_joint: by the axes in robot.urdf, they roll sideways"
     (asked,) = [one for one in found.questions if words in one]
-    assert "does x point forward?" in asked
+    assert "so that x points forward" in asked
 
 
 def test_axles_above_the_ground_and_impossible_inertias_are_listed(described: Write) -> None:
