@@ -92,7 +92,7 @@ class Controller(NamedTuple):
         """Half of wheelbase plus track [m]; None if unknown."""
         if self.sum is not None or self.wheelbase is None or self.track is None:
             return self.sum
-        return 0.5 * (self.wheelbase + self.track)
+        return round(0.5 * (self.wheelbase + self.track), 9)
 
     @property
     def assumed(self) -> dict[str, tuple[float, float]]:
@@ -307,7 +307,7 @@ def controller_of(wheels: Mapping[str, WheelMount]) -> Controller | None:
 def _mecanum(geometry: PlatformGeometry) -> Controller | None:
     theta = -math.atan2(geometry.rolling[0, 1], geometry.rolling[0, 0])
     places = turned(geometry.position, theta)
-    center = places.mean(axis=0)
+    center = np.round(places.mean(axis=0), 9)
     corners = {
         corner: joint
         for corner, signs in CORNERS.items()
