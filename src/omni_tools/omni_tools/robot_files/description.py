@@ -332,13 +332,13 @@ def _ask_about_names(found: Described, wheels: Wheels) -> None:
     apart = {
         wheel.joint: f"{plain(abs(wheel.beside))} m"
         for wheel in wheels
-        if abs(wheel.beside) > max(DIFFERENT * wheel.width, 1e-3)
+        if abs(wheel.beside) > 1e-3 + DIFFERENT * math.dist(wheel.place[:2], center)
     }
     if apart:
         found.contradictions.append(
-            f"{', '.join(apart)}: the middle of the collision shape is "
-            f"{', '.join(dict.fromkeys(apart.values()))} beside the joint along the axle; "
-            "used: the joint; measure the track"
+            f"{', '.join(apart)}: the middle of the shape, or the center of gravity of the mesh, "
+            f"is {', '.join(dict.fromkeys(apart.values()))} beside the joint along the axle; "
+            "used: the joint; measure from the center to the middle of a wheel"
         )
 
 

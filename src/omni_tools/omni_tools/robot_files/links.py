@@ -15,6 +15,7 @@ from typing import NamedTuple, TypeVar
 from xml.etree import ElementTree
 
 import numpy as np
+from scipy.sparse.csgraph import connected_components
 from scipy.spatial.transform import Rotation
 
 from omni_core.configuration import ConfigurationError
@@ -110,7 +111,14 @@ class Robot:
         ConfigurationError: the text is not a URDF, a value is invalid, or the links form no tree.
     """
 
-    def __init__(self, file: str, text: str) -> None:
+    def __init__(self, file: str, text: str, partial: bool = False) -> None:
+        """Read a description.
+
+        Args:
+            file: name of the file.
+            text: the URDF.
+            partial: whether links are left out that others, which are missing, connect.
+        """
         self.file = file
         try:
             root = ElementTree.fromstring(text)
@@ -120,6 +128,8 @@ class Robot:
             raise self._wrong(f"is not a URDF: its first element is <{root.tag}>, not <robot>")
         self.links = self._by_name(self._link(one) for one in root.findall("link"))
         self.joints = self._by_name(self._joint(one) for one in root.findall("joint"))
+        if partial:
+            self._keep_connected()
         self.driven = tuple(
             joint.get("name", "")
             for joint in root.findall("ros2_control/joint")
@@ -174,6 +184,20 @@ class Robot:
                 raise self._wrong(f"has two {kind}s named {part.name!r}; rename one of them")
             found[part.name] = part
         return found
+
+    def _keep_connected(self) -> None:
+        """Keep the largest group of links that joints connect."""
+        row = {name: index for index, name in enumerate(self.links)}
+        joints = {
+            name: one for name, one in self.joints.items() if {one.parent, one.child} <= row.keys()
+        }
+        joined = np.zeros((len(row), len(row)))
+        for one in joints.values():
+            joined[row[one.parent], row[one.child]] = 1.0
+        group = connected_components(joined, directed=False)[1]
+        kept = {name for name, index in row.items() if group[index] == np.bincount(group).argmax()}
+        self.links = {name: one for name, one in self.links.items() if name in kept}
+        self.joints = {name: one for name, one in joints.items() if one.parent in kept}
 
     def _root(self) -> str:
         """Enter the joint that holds each link, and return the link that none holds."""

@@ -34,7 +34,8 @@ class DescribedWheel(NamedTuple):
             if the description does not contain it.
         radii: radii of the wheel [m], keyed by ``collision`` and ``visual``; without meshes.
         width: width of the wheel [m]; 0 if unknown.
-        beside: distance from the joint to the middle of the collision shape, along the axis [m].
+        beside: distance from the joint to the middle of the wheel, along the axis [m]: that of its
+            shape, or its center of gravity if it has only meshes.
         mass: mass of the wheel, with its rollers [kg].
         inertia: moment of inertia about the axis [kg m^2].
     """
@@ -217,6 +218,7 @@ def _wheel(robot: Robot, joint: Joint) -> DescribedWheel:
     )
     cylinders = {one.of: one for one in round_shapes if one.kind == "cylinder"}
     solid = cylinders.get("collision", cylinders.get("visual"))
+    middle = solid.pose[:3, 3] if solid is not None else center if mass else place
     heading = math.degrees(math.atan2(-axis[0], axis[1]))
     usual = _STEP * round(heading / _STEP)
     heading = round(wrapped(usual if abs(heading - usual) < _ROUNDED else heading), 6)
@@ -232,7 +234,7 @@ def _wheel(robot: Robot, joint: Joint) -> DescribedWheel:
         roller_deg=roller,
         radii={one.of: one.size[0] for one in round_shapes},  # the largest is the last one
         width=0.0 if solid is None else solid.size[1],
-        beside=0.0 if solid is None else float((solid.pose[:3, 3] - place) @ axis),
+        beside=float((middle - place) @ axis),
         mass=mass,
         inertia=inertia,
     )

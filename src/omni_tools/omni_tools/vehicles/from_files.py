@@ -53,7 +53,8 @@ def described_vehicle(
     robot, skipped = None, list[str]()
     for path in descriptions:
         lacking = skipped if skip_missing else None
-        robot = Robot(path.name, read_description(path, arguments, trust, lacking))
+        text = read_description(path, arguments, trust, lacking)
+        robot = Robot(path.name, text, partial=bool(skipped))
     found = describe(robot, list(itertools.chain(*read.values())), kind, radius)
     found.questions += [
         f"the package {package} is left out: which masses, shapes and sensors does it add?"

@@ -223,8 +223,17 @@ def test_shapes_beside_the_joints_are_listed_once(described: Write) -> None:
     apart = '<origin xyz="0 0.03 0" rpy='
     found = described(mecanum_urdf().replace("<origin rpy=", apart))
     (listed,) = found.contradictions
-    assert listed.startswith("fl_joint, fr_joint, rl_joint, rr_joint: the middle of the collision")
+    assert listed.startswith("fl_joint, fr_joint, rl_joint, rr_joint: the middle of the shape")
     assert "0.03 m beside the joint" in listed
+
+
+def test_meshes_beside_the_joints_are_listed_by_their_centers_of_gravity(described: Write) -> None:
+    meshes = re.sub(r"<cylinder [^>]*>", '<mesh filename="wheel.stl"/>', mecanum_urdf())
+    assert described(meshes, CONTROLLER).contradictions == []
+    apart = '<origin xyz="0 0.02 0"/><mass value="0.5"/>'
+    urdf = meshes.replace('<origin xyz="0 0 0"/><mass value="0.5"/>', apart)
+    (listed,) = described(urdf, CONTROLLER).contradictions
+    assert "center of gravity of the mesh, is 0.02 m beside the joint" in listed
 
 
 def test_the_chassis_around_three_wheels_has_its_middle_between_them(described: Write) -> None:
@@ -637,6 +646,9 @@ def test_a_missing_package_can_be_left_out(tmp_path: Path) -> None:
     found = described_vehicle([str(main)], skip_missing=True)
     assert len(found.wheels) == 4
     assert any("lidar_description is left out" in one for one in found.questions)
+    held = joint("mast", "lidar_mount", "mast", "0 0 1", kind="fixed")
+    main.write_text(main.read_text().replace("</robot>", f"{held}{link('mast', mass=1.0)}</robot>"))
+    assert described_vehicle([str(main)], skip_missing=True).mass == found.mass
 
 
 def test_python_of_a_trusted_file_is_evaluated(tmp_path: Path) -> None:
