@@ -7,15 +7,15 @@ coordinates of a frame to those of its parent, or of another frame; all joints a
 
 from __future__ import annotations
 
+import functools
 import math
 import warnings
+from collections import Counter
 from collections.abc import Iterable, Sequence
-from graphlib import CycleError, TopologicalSorter
 from typing import NamedTuple, TypeVar
 from xml.etree import ElementTree
 
 import numpy as np
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial.transform import Rotation
 
 from omni_core.configuration import ConfigurationError
@@ -128,7 +128,8 @@ class Robot:
             raise self._wrong(f"is not a URDF: its first element is <{root.tag}>, not <robot>")
         self.links = self._by_name(self._link(one) for one in root.findall("link"))
         self.joints = self._by_name(self._joint(one) for one in root.findall("joint"))
-        if partial:
+        self.parents: dict[str, Joint] = {}
+        if partial and self.links:
             self._keep_connected()
         self.driven = tuple(
             joint.get("name", "")
@@ -140,15 +141,9 @@ class Robot:
             for element in root.findall("gazebo")
             if element.find(".//fdir1") is not None
         }
-        self.parents: dict[str, Joint] = {}
         self.base = self._root()
-        self._poses: dict[str, FloatArray] = {self.base: np.eye(4)}
-        self._holders = {self.base: self.base}
-        for name in self._order()[1:]:
-            joint = self.parents[name]
-            self._poses[name] = self._poses[joint.parent] @ joint.pose
-            is_fixed = joint.kind == "fixed"
-            self._holders[name] = self._holders[joint.parent] if is_fixed else name
+        for name in self.links:
+            self.chain(name)
 
     def grip(self, link: str) -> FloatArray | None:
         """Return the direction of a link's larger friction in Gazebo, shape (3,); None if unknown.
@@ -186,18 +181,14 @@ class Robot:
         return found
 
     def _keep_connected(self) -> None:
-        """Keep the largest group of links that joints connect."""
-        row = {name: index for index, name in enumerate(self.links)}
-        joints = {
-            name: one for name, one in self.joints.items() if {one.parent, one.child} <= row.keys()
-        }
-        joined = np.zeros((len(row), len(row)))
-        for one in joints.values():
-            joined[row[one.parent], row[one.child]] = 1.0
-        group = connected_components(joined, directed=False)[1]
-        kept = {name for name, index in row.items() if group[index] == np.bincount(group).argmax()}
-        self.links = {name: one for name, one in self.links.items() if name in kept}
-        self.joints = {name: one for name, one in joints.items() if one.parent in kept}
+        """Keep the links below the root of most links, and their joints."""
+        self.parents = {joint.child: joint for joint in self.joints.values()}
+        roots = {name: [name, *(one.parent for one in self.chain(name))][-1] for name in self.links}
+        ((largest, _),) = Counter(roots.values()).most_common(1)
+        self.links = {name: one for name, one in self.links.items() if roots[name] == largest}
+        both = {n: {one.parent, one.child} for n, one in self.joints.items()}
+        self.joints = {n: one for n, one in self.joints.items() if both[n] <= self.links.keys()}
+        self.parents = {}
 
     def _root(self) -> str:
         """Enter the joint that holds each link, and return the link that none holds."""
@@ -221,27 +212,23 @@ class Robot:
             )
         return roots[0]
 
-    def _order(self) -> list[str]:
-        """Return the names of the links, each after the one that holds it."""
-        above = {name: [joint.parent] for name, joint in self.parents.items()}
-        try:
-            return list(TopologicalSorter(above).static_order()) or [self.base]
-        except CycleError as error:
-            raise self._wrong(
-                f"has a loop of joints through the link {error.args[1][0]!r}"
-            ) from None
-
     def chain(self, link: str) -> list[Joint]:
         """Return the joints from the root to a link, nearest to the link first."""
         joints: list[Joint] = []
         while link in self.parents:
             joints.append(self.parents[link])
             link = joints[-1].parent
+            if len(joints) > len(self.joints):
+                raise self._wrong(f"has a loop of joints through the link {link!r}")
         return joints
 
     def pose(self, link: str) -> FloatArray:
         """Return the pose of a link in the frame of the link `base`, shape (4, 4)."""
-        return np.asarray(np.linalg.solve(self._poses[self.base], self._poses[link]))
+        in_root = [
+            functools.reduce(np.matmul, [joint.pose for joint in self.chain(one)[::-1]], np.eye(4))
+            for one in (self.base, link)
+        ]
+        return np.asarray(np.linalg.solve(*in_root))
 
     def below(self, link: str) -> list[str]:
         """Return a link and all links that its joints hold."""
@@ -253,7 +240,11 @@ class Robot:
 
     def rigid(self, link: str) -> list[str]:
         """Return the links that fixed joints connect with a link, and the link itself."""
-        return [name for name in self.links if self._holders[name] == self._holders[link]]
+        moving = [
+            next((joint.name for joint in self.chain(name) if joint.kind != "fixed"), "")
+            for name in (link, *self.links)
+        ]
+        return [name for name, one in zip(self.links, moving[1:], strict=True) if one == moving[0]]
 
     def shapes(self, links: Iterable[str]) -> list[Shape]:
         """Return the shapes of some links, with poses in the frame of the link `base`."""

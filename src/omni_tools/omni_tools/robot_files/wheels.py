@@ -163,8 +163,8 @@ def _outermost(robot: Robot, joints: Sequence[Joint]) -> list[Joint]:
 
 
 def _check_not_steered(robot: Robot, wheel: Joint) -> None:
-    for joint in robot.chain(wheel.parent):
-        if joint.kind in _MOVING and _is_upright(robot, joint):
+    for joint in _upright_above(robot, wheel):
+        if joint.kind in _MOVING:
             raise ConfigurationError(
                 "--from",
                 f"the wheel {wheel.name} of {robot.file} is steered by the joint {joint.name}; "
@@ -181,15 +181,19 @@ def possibly_steering(robot: Robot, wheels: Wheels) -> list[str]:
     above = Counter(
         joint.name
         for wheel in wheels
-        for joint in robot.chain(robot.joints[wheel.joint].parent)
-        if joint.kind == "fixed" and _is_upright(robot, joint)
+        for joint in _upright_above(robot, robot.joints[wheel.joint])
+        if joint.kind == "fixed"
     )
     return [name for name in robot.joints if above[name] == 1]
 
 
-def _is_upright(robot: Robot, joint: Joint) -> bool:
-    """Return whether the axis of a joint is vertical."""
-    return abs(float((robot.pose(joint.child)[:3, :3] @ joint.axis)[2])) > 1.0 - _UPRIGHT
+def _upright_above(robot: Robot, wheel: Joint) -> list[Joint]:
+    """Return the joints with a vertical axis that hold a wheel."""
+    return [
+        joint
+        for joint in robot.chain(wheel.parent)
+        if abs((robot.pose(joint.child)[:3, :3] @ joint.axis)[2]) > 1.0 - _UPRIGHT
+    ]
 
 
 def _axis(robot: Robot, joint: Joint) -> FloatArray:

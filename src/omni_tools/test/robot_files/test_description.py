@@ -390,6 +390,15 @@ def test_names_with_a_namespace_or_a_dash_are_matched(described: Write) -> None:
         (mecanum_urdf(extra=link("alone")), "has 2 links that no joint holds"),
         (mecanum_urdf(extra=joint("j", "base_link", "lost", "0 0 0")), "lacks the link 'lost'"),
         (
+            mecanum_urdf(
+                extra=link("a")
+                + link("b")
+                + joint("j", "a", "b", "0 0 0")
+                + joint("k", "b", "a", "0 0 0")
+            ),
+            "has a loop of joints through the link",
+        ),
+        (
             mecanum_urdf().replace('radius="0.05"', 'radius="50"'),
             "looks like millimeters or inches",
         ),
