@@ -24,6 +24,7 @@ _REFLECTION = ("vars", "type")
 _FIND = re.compile(r"\$\(find\s+([^)\s]+)\s*\)|find\('([^']+)'\)|package://([\w-]+)/")
 _ARGUMENT = re.compile(r"<xacro:arg\b[^>]*?\bname=[\"'](\w+)|\$\(arg\s+(\w+)")
 _MISSING = re.compile(r"[Pp]ackage '?([\w-]+)'? not found")
+_ABSENT = "/absent"  # folder that stands for those of missing packages
 _NO_FILE = re.compile(r"No such file or directory: '?([^']+?)(?:'|$)")
 _LEVELS = 3  # folders above a package in which its sibling packages are looked for
 _REMEDY = "on the robot, xacro FILE > robot.urdf writes a file that needs no other"
@@ -112,16 +113,50 @@ def _guarded(
     They are keyed by the module and the name of the functions that they replace.
 
     Args:
-        xacro: the module, whose functions `safe_eval` and `eval_extension` evaluate all text.
+        xacro: the module.
         packages: folders of packages that no index contains, keyed by package.
         trust: whether all expressions are evaluated.
         skipped: receives the packages that are missing and left out; None to raise an error.
     """
     index = importlib.import_module("ament_index_python.packages")
-    find, evaluate = index.get_package_share_directory, xacro.safe_eval
-    extend = xacro.eval_extension
+    find, absolute = index.get_package_share_directory, xacro.abs_filename_spec
     include, call = xacro.get_include_files, xacro.handle_macro_call
-    absolute = xacro.abs_filename_spec
+
+    def find_around(package: str, *more: Any) -> str:
+        if package in packages:
+            return str(packages[package])
+        try:
+            return str(find(package, *more))
+        except LookupError:
+            if skipped is None:
+                raise
+            skipped.append(package)
+            return f"{_ABSENT}/{package}"
+
+    def include_what_exists(*words: Any) -> list[str]:
+        return [name for name in include(*words) if not name.startswith(_ABSENT)]
+
+    def call_what_exists(node: Any, *tables: Any) -> bool:
+        try:
+            return bool(call(node, *tables))
+        except xacro.XacroException as error:
+            if not skipped or not str(error).startswith("unknown macro name"):
+                raise
+            xacro.replace_node(node, by=None)
+            return True
+
+    return {
+        (index, "get_package_share_directory"): find_around,
+        (xacro, "abs_filename_spec"): lambda name: _in_package(absolute(name), packages.values()),
+        (xacro, "get_include_files"): include_what_exists,
+        (xacro, "handle_macro_call"): call_what_exists,
+        **({} if trust else _checked(xacro)),
+    }
+
+
+def _checked(xacro: Any) -> dict[tuple[Any, str], Any]:
+    """Return `safe_eval` and `eval_extension`, which evaluate all text, with a check before."""
+    evaluate, extend = xacro.safe_eval, xacro.eval_extension
 
     def checked_evaluate(text: str, symbols: Any, *more: Any) -> Any:
         _check(text)
@@ -134,35 +169,7 @@ def _guarded(
             _check(text[len("$(eval ") : -1])
         return extend(text)
 
-    def find_around(package: str, *more: Any) -> str:
-        return str(packages[package]) if package in packages else str(find(package, *more))
-
-    def include_what_exists(*words: Any) -> list[str]:
-        try:
-            return list(include(*words))
-        except xacro.XacroException as error:
-            if skipped is None or not (missing := _MISSING.search(str(error))):
-                raise
-            skipped.append(missing[1])
-            return []
-
-    def call_what_exists(node: Any, *tables: Any) -> bool:
-        try:
-            return bool(call(node, *tables))
-        except xacro.XacroException as error:
-            if not skipped or not str(error).startswith("unknown macro name"):
-                raise
-            xacro.replace_node(node, by=None)
-            return True
-
-    checked = {(xacro, "safe_eval"): checked_evaluate, (xacro, "eval_extension"): checked_extend}
-    return {
-        (index, "get_package_share_directory"): find_around,
-        (xacro, "abs_filename_spec"): lambda name: _in_package(absolute(name), packages.values()),
-        (xacro, "get_include_files"): include_what_exists,
-        (xacro, "handle_macro_call"): call_what_exists,
-        **({} if trust else checked),
-    }
+    return {(xacro, "safe_eval"): checked_evaluate, (xacro, "eval_extension"): checked_extend}
 
 
 def _in_package(name: str, packages: Iterable[Path]) -> str:

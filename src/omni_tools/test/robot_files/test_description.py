@@ -658,6 +658,10 @@ def test_a_missing_package_can_be_left_out(tmp_path: Path) -> None:
     held = joint("mast", "lidar_mount", "mast", "0 0 1", kind="fixed")
     main.write_text(main.read_text().replace("</robot>", f"{held}{link('mast', mass=1.0)}</robot>"))
     assert described_vehicle([str(main)], skip_missing=True).mass == found.mass
+    folder = '<xacro:arg name="meshes" default="$(find robot_meshes)/meshes"/>'
+    main.write_text(main.read_text().replace("</robot>", f"{folder}</robot>"))
+    found = described_vehicle([str(main)], skip_missing=True)
+    assert any("robot_meshes is left out" in one for one in found.questions)
 
 
 def test_python_of_a_trusted_file_is_evaluated(tmp_path: Path) -> None:
