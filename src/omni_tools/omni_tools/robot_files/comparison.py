@@ -33,11 +33,9 @@ def compare(found: Described, robot: Robot, wheels: Wheels, controller: Controll
                 f"{controller.name} moves {controller.base}, which is at ({plain(apart[0])}, "
                 f"{plain(apart[1])}) m in {robot.base}; used: {robot.base}"
             )
-    arms = {
-        key: places[joint] - center for key, joint in controller.joints.items() if joint in places
-    }
+    arms = {joint: place - center for joint, place in places.items()}
     _compare_directions(found, robot.file, arms, controller)
-    _compare_lengths(found, robot.file, np.array(list(places.values())) - center, controller)
+    _compare_lengths(found, robot.file, np.array(list(arms.values())), controller)
 
 
 def _compare_directions(
@@ -48,21 +46,23 @@ def _compare_directions(
     Args:
         found: receives the sentences.
         file: name of the robot description.
-        arms: positions of the wheels from their center [m], keyed as the controller's joints.
+        arms: positions of the wheels from their center [m], keyed by joint.
         controller: the controller.
     """
     remedy = f"used: {file}; turn each wheel by hand and look at the name of its velocity"
     if controller.kind == MECANUM:
-        wrong = [key for key, arm in arms.items() if tuple(np.sign(arm)) != CORNERS[key]]
+        wrong = [
+            f"{joint} is {corner}"
+            for corner, joint in controller.joints.items()
+            if tuple(np.sign(arms[joint])) != CORNERS[corner]
+        ]
         if wrong:
             found.contradictions.append(
-                f"{', '.join(f'{controller.joints[key]} is {key}' for key in wrong)} in "
-                f"{controller.name}, but elsewhere in {file}; {remedy}"
+                f"{', '.join(wrong)} in {controller.name}, but elsewhere in {file}; {remedy}"
             )
         return
-    for key, arm in arms.items() if controller.assumed else ():
-        joint = controller.joints[key]
-        angle, heading = math.degrees(math.atan2(arm[1], arm[0])), controller.assumed[joint][0]
+    for joint, (heading, _) in controller.assumed.items():
+        angle = math.degrees(math.atan2(*arms[joint][::-1]))
         if abs(wrapped(angle - heading - 90.0)) > PARALLEL:
             found.contradictions.append(
                 f"{joint}: its direction from the center is {angle:.0f} deg in {file}, "

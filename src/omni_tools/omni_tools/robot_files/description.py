@@ -37,13 +37,11 @@ from omni_tools.robot_files.wheels import (
 )
 
 _RADII = 1e-3, 1.0  # radii of omni-wheels in use [m]
-_UNITS = {"millimeters": 1000.0, "inches": 1.0 / 0.0254}  # lengths of a meter
 _OBLIQUE = 10.0  # smallest angle of a Mecanum wheel's rollers from its axle and its plane [deg]
 _NEAR = 30.0  # limit on the angle between an axle and the direction across the motion [deg]
 _BESIDE = 0.01  # distance from the center of the wheels at which a wheel is on one side [m]
 _SIDES = (("front", 0, 1), ("rear", 0, -1), ("back", 0, -1), ("left", 1, 1), ("right", 1, -1))
 _LEVER = 0.3  # smallest plausible ratio of lever to distance of omni-wheels; 1 if tangential [1]
-_ALIKE = 0.1  # difference of two radii in the same unit, relative [1]
 _ROLLERS = (
     "the roller directions, which are an estimate: X seen from above. Check them: from above, the "
     "rollers on top of the wheels must form an X; or drive the robot, and use ./omni check-vehicle"
@@ -351,22 +349,10 @@ def _check_units(radii: Mapping[str, float], place: FloatArray, file: str) -> No
         file: name of the robot description.
     """
     smallest, largest = _RADII
-    for source, radius in radii.items():
-        units = [
-            unit
-            for unit, factor in _UNITS.items()
-            if any(abs(radius / other / factor - 1.0) < _ALIKE for other in radii.values())
-        ]
-        if units or not smallest < radius < largest:
-            raise _in_other_unit(
-                f"the radius of a wheel in {source}", radius, *(units[:1] or _UNITS)
-            )
-    if (distance := float(np.linalg.norm(place))) > FARTHEST:
-        raise _in_other_unit(
-            f"the distance of a wheel from the center in {file}", distance, *_UNITS
-        )
-
-
-def _in_other_unit(what: str, value: float, *units: str) -> ConfigurationError:
-    problem = f"{what} is {plain(value)} m, which looks like {' or '.join(units)}; give meters"
-    return ConfigurationError("--from", problem)
+    distance = float(np.linalg.norm(place))
+    wrong = {f"radius of a wheel in {s}": r for s, r in radii.items() if not smallest < r < largest}
+    if distance > FARTHEST:
+        wrong[f"distance of a wheel from the center in {file}"] = distance
+    for what, value in wrong.items():
+        problem = f"the {what} is {plain(value)} m, which looks like millimeters or inches"
+        raise ConfigurationError("--from", f"{problem}; give meters")

@@ -440,7 +440,7 @@ def test_any_wrong_value_is_refused_in_a_sentence(
     ("text", "words"),
     [
         (CONTROLLER.replace("0.05", "50.0"), "wheel_radius is 50 m, more than 10 m; give meters"),
-        (CONTROLLER.replace("0.05", "1.97"), "looks like inches"),
+        (CONTROLLER.replace("0.05", "1.97"), "looks like millimeters or inches"),
         (
             CONTROLLER.replace("fl_joint", "fl_joind"),
             "'fl_joind', but robot.urdf has no such joint",
