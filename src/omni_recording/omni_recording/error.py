@@ -1,6 +1,7 @@
 """Error raised by readers of recordings."""
 
 from pathlib import Path
+from typing import Any
 
 from omni_core.configuration import InputError
 
@@ -17,6 +18,10 @@ class BagError(InputError):
         super().__init__(f"{folder}: {problem}")
         self.folder = folder
         self.problem = problem
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Return the constructor and its arguments, so that workers can pickle the error."""
+        return type(self), (self.folder, self.problem)
 
 
 class McapError(ValueError):

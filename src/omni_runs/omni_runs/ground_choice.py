@@ -6,7 +6,6 @@ from pathlib import Path
 
 from omni_core.configuration import ConfigurationError
 from omni_runs.experiment import ExperimentConfiguration
-from omni_sim.camera.footprint.padding import check_footprints
 from omni_sim.texture.cache import TextureCache
 from omni_sim.texture.configuration import PICTURE, TextureConfiguration
 
@@ -55,6 +54,8 @@ def prepare_grounds(configurations: Iterable[ExperimentConfiguration], cache: Te
         seen.add(texture)
         if texture.kind != PICTURE and cache.path(texture).is_file():
             continue
+        from omni_sim.camera.footprint.padding import check_footprints  # a slow import
+
         try:
             ground = cache.texture(texture)
         except ConfigurationError as error:

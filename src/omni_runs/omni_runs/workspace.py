@@ -36,10 +36,15 @@ class ExperimentWorkspace(Workspace):
 
     def check(self, experiments: Iterable[ExperimentConfiguration]) -> None:
         """Report each implausible value in the experiments on standard error, but only once."""
-        from omni_runs.plausibility import remarks
-
-        for remark in dict.fromkeys(words for one in experiments for words in remarks(one)):
+        for remark in remarks_on(experiments):
             self.note(remark)
+
+
+def remarks_on(experiments: Iterable[ExperimentConfiguration]) -> list[str]:
+    """Return a remark on each implausible value in the experiments, each only once."""
+    from omni_runs.plausibility import remarks  # needs kernels
+
+    return list(dict.fromkeys(words for one in experiments for words in remarks(one)))
 
 
 def names_of(kind: str, workspace: Path) -> dict[str, str]:

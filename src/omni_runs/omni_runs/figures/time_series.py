@@ -11,6 +11,10 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
+
+from omni_runs.figures import style
+
+# isort: split
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -18,7 +22,6 @@ from matplotlib.patches import Patch
 from matplotlib.patheffects import Normal, Stroke
 
 from omni_core.quantities import FloatArray
-from omni_runs.figures import style
 from omni_runs.history import RunHistory
 
 _ROWS = (2.4, 1.7, 2.4)  # heights of the rows for velocity, yaw rate and errors [inch]

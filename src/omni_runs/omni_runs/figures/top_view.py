@@ -10,6 +10,10 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
+
+from omni_runs.figures import style
+
+# isort: split
 from matplotlib.axes import Axes
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
@@ -21,7 +25,6 @@ from matplotlib.transforms import Bbox
 
 from omni_core.geometry import PlatformGeometry
 from omni_core.quantities import FloatArray
-from omni_runs.figures import style
 from omni_runs.figures.scene import Scene, overlap, placed, rectangle
 from omni_runs.figures.snapshots import (
     Snapshots,

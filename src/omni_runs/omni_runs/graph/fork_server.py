@@ -8,22 +8,27 @@ of its executable. Executables that are not nodes of this workspace are started 
 
 import contextlib
 import functools
+import itertools
 import multiprocessing
 import os
 import sys
-from collections.abc import Iterator, Mapping, MutableMapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, MutableMapping, Sequence
 from importlib.metadata import EntryPoint, entry_points
 from multiprocessing import forkserver, reduction
+from multiprocessing.connection import Connection
 from multiprocessing.context import ForkServerProcess
 from pathlib import Path
 from types import ModuleType
-from typing import Any
+from typing import Any, TypeVar
 
+from omni_core.configuration import InputError, WorkError
 from omni_ros.environment import PARENT_PID_VARIABLE, REPORT_VARIABLE
 from omni_ros.start import NODES, start_node
 
 # Variables that Python reads only at its start: if they differ, a node is not forked.
 _READ_AT_START = ("LD_LIBRARY_PATH", "NUMBA_CACHE_DIR", "PYTHONPATH")
+
+_T = TypeVar("_T")
 
 
 @functools.cache
@@ -44,13 +49,73 @@ def start_process(
         environment: environment variables; `REPORT_VARIABLE` and `PARENT_PID_VARIABLE` are added.
         descriptors: file descriptors for standard input, output, error, and reports.
     """
+    return _start(_become, list(command), dict(environment), _Descriptors(descriptors))
+
+
+def _start(function: Callable[..., None], *arguments: Any) -> ForkServerProcess:
+    """Start a process that calls a function and then ends."""
     start_fork_server()
-    arguments = (list(command), dict(environment), _Descriptors(descriptors))
-    process = ForkServerProcess(target=_become, args=arguments)
-    # The program must not run the main module of this process, as processes of multiprocessing do.
+    process = ForkServerProcess(target=function, args=arguments)
+    # The process must not run the main module of this process, as in multiprocessing.
     with replaced(sys.modules, "__main__", ModuleType("__main__")):
         process.start()
     return process
+
+
+class Worker:
+    """Calls functions, one after the other, in a fork of the server, which has their modules.
+
+    The process starts with the first call. It ends after `close`, or together with this process.
+    """
+
+    def __init__(self) -> None:
+        self._numbers, self._results = itertools.count(), list[Any]()
+
+    @functools.cached_property
+    def _connection(self) -> Connection:
+        own, served = multiprocessing.Pipe()
+        _start(_serve, served)
+        served.close()
+        return own
+
+    def close(self) -> None:
+        """End the process as soon as it waits for a call."""
+        if "_connection" in vars(self):
+            self._connection.close()
+
+    def begin(self, function: Callable[[], _T]) -> Callable[[], _T]:
+        """Begin to call a function; return a function that awaits the result.
+
+        The function and its result are pickled. An `InputError` or `WorkError` of the function is
+        raised again when the result is awaited; any other error is printed.
+        """
+        number = next(self._numbers)
+        self._connection.send(function)
+
+        def result() -> _T:
+            while len(self._results) <= number:
+                try:
+                    self._results.append(self._connection.recv())
+                except EOFError:
+                    raise WorkError("the process that computes results ended") from None
+            found: _T | InputError | WorkError = self._results[number]
+            if isinstance(found, (InputError, WorkError)):
+                raise found
+            return found
+
+        return result
+
+
+def _serve(connection: Connection) -> None:
+    """Call the functions that a `Worker` sends, until it closes the connection."""
+    with contextlib.suppress(EOFError, BrokenPipeError):
+        while True:
+            function = connection.recv()
+            try:
+                result = function()
+            except (InputError, WorkError) as error:
+                result = error
+            connection.send(result)
 
 
 @contextlib.contextmanager

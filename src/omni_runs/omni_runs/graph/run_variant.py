@@ -22,7 +22,6 @@ from omni_runs.graph import process_group as processes
 from omni_runs.graph.domain import reserved_domain
 from omni_runs.graph.run_folder import write_configuration
 from omni_runs.history import RunHistory
-from omni_runs.limit.bounds import limit_share
 from omni_runs.metrics import Metric, still_rolls
 from omni_runs.recorded_run import read_run
 from omni_runs.stops import drive_metrics, named_stops, stop_metrics
@@ -73,8 +72,13 @@ Run = Generator[None, None, Callable[[], VariantResult]]
 It returns a function that reads the recording of the run and computes the results.
 """
 
+Begin = Callable[[Callable[[], VariantResult]], Callable[[], VariantResult]]
+"""Function that begins a call, and returns a function that awaits its result"""
 
-def finish_runs(runs: Iterable[Run], at_once: int = 1) -> Iterator[VariantResult]:
+
+def finish_runs(
+    runs: Iterable[Run], at_once: int = 1, begin: Begin = lambda results: results
+) -> Iterator[VariantResult]:
     """Advance runs until they end, and yield the result of each run.
 
     The results of a run are computed while the nodes of the next run start. If a run fails or the
@@ -83,6 +87,8 @@ def finish_runs(runs: Iterable[Run], at_once: int = 1) -> Iterator[VariantResult
     Args:
         runs: generators from `run_variant` that have not started.
         at_once: number of simultaneous runs.
+        begin: function that begins to compute the results, such as `fork_server.Worker.begin`; by
+            default, they are computed in this process.
 
     Raises:
         RunError: a run failed; of several failures, the first one is raised.
@@ -103,10 +109,11 @@ def finish_runs(runs: Iterable[Run], at_once: int = 1) -> Iterator[VariantResult
                     next(run)
                 except StopIteration as end:
                     running.remove(run)
+                    results = begin(end.value)
                     try:
                         start_next()
                     finally:  # the results of a finished run are kept if the next one cannot start
-                        yield end.value()
+                        yield results()
             time.sleep(0.05)
 
 
@@ -174,6 +181,8 @@ def measured(
         folder: rosbag2 folder of the run.
         configuration: configuration of the whole loop.
     """
+    from omni_runs.limit.bounds import limit_share  # needs kernels, unlike the rest of this module
+
     # `wall` is the wall-clock time from the first to the last step, without the start-up.
     real_time_factor = report["time"] / report["wall"] if report["wall"] > 0.0 else math.nan
     history = dataclasses.replace(read_run(folder), real_time_factor=real_time_factor)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import closing
 from functools import cache, partial
 from importlib import import_module
 from itertools import islice
@@ -19,7 +20,7 @@ from omni_core.commands.command_options import CommandOptions, option
 from omni_core.commands.workspace import progress_bar
 from omni_core.configuration import ConfigurationError, InputError, WorkError, check_choice
 from omni_runs.options import LoopOptions, is_swept
-from omni_runs.workspace import ExperimentWorkspace
+from omni_runs.workspace import ExperimentWorkspace, remarks_on
 
 if TYPE_CHECKING:
     from omni_runs.experiment import ExperimentConfiguration, ExperimentLibrary
@@ -138,42 +139,48 @@ def _run_variants(
         WorkError: a run ended early; the message names the recordings that remain.
     """
     from omni_runs.experiment import short_name
+    from omni_runs.graph.fork_server import Worker
     from omni_runs.graph.run_folder import write_summary
     from omni_runs.graph.run_variant import finish_runs, run_variant
 
-    # This check runs during the first run, because it would otherwise delay the start.
-    note = cache(lambda: workspace.check(configurations.values()))
     shares = dict.fromkeys(configurations, 0.0)
     results, name = {}, short_name(options.experiment)
-    try:
-        with interruption.clean_up_on_signals(), progress_bar(name) as show:
+    with closing(Worker()) as worker:
+        # This check runs during the first run, because it would otherwise delay the start.
+        check = cache(lambda: worker.begin(partial(remarks_on, list(configurations.values()))))
+        note = cache(lambda: [*map(workspace.note, check()())])
+        try:
+            with interruption.clean_up_on_signals(), progress_bar(name) as show:
 
-            def on_progress(variant: str, report: Mapping[str, float]) -> None:
-                shares[variant] = report["share"]
-                words = f"{variant}, t = {report['time']:.2f} s, {report['speed']:.2f} m/s"
-                show(sum(shares.values()) / len(shares), words)
-                note()
-                import_module("omni_runs.figures.top_view")  # now, because it would delay the end
+                def on_progress(variant: str, report: Mapping[str, float]) -> None:
+                    shares[variant] = report["share"]
+                    words = f"{variant}, t = {report['time']:.2f} s, {report['speed']:.2f} m/s"
+                    show(sum(shares.values()) / len(shares), words)
+                    (note if any(shares.values()) else check)()
+                    import_module("omni_runs.figures.top_view")  # would delay the end
 
-            show(0.0, "starting the nodes")
-            runs = [
-                run_variant(
-                    configuration,
-                    variant,
-                    folder / variant,
-                    lockstep=not options.real_time,
-                    on_progress=partial(on_progress, variant),
-                    recording={"compression": options.compression, "synchronize": options.fsync},
-                    external=options.external,
-                )
-                for variant, configuration in configurations.items()
-            ]
-            for result in finish_runs(runs, at_once=_runs_at_once(options)):
-                write_summary(_document(options.experiment, [result]), result.folder)
-                results[result.variant] = result
-    except (InputError, WorkError) as error:
-        note()
-        raise WorkError("\n".join((str(error), *_left_behind(folder)))) from error
+                show(0.0, "starting the nodes")
+                runs = [
+                    run_variant(
+                        configuration,
+                        variant,
+                        folder / variant,
+                        lockstep=not options.real_time,
+                        on_progress=partial(on_progress, variant),
+                        recording={
+                            "compression": options.compression,
+                            "synchronize": options.fsync,
+                        },
+                        external=options.external,
+                    )
+                    for variant, configuration in configurations.items()
+                ]
+                for result in finish_runs(runs, _runs_at_once(options), worker.begin):
+                    write_summary(_document(options.experiment, [result]), result.folder)
+                    results[result.variant] = result
+        except (InputError, WorkError) as error:
+            note()
+            raise WorkError("\n".join((str(error), *_left_behind(folder)))) from error
     return [results[variant] for variant in configurations]
 
 

@@ -16,7 +16,6 @@ from omni_sim.texture.configuration import (
     PICTURE,
     TextureConfiguration,
 )
-from omni_sim.texture.materials import MATERIALS, Brush
 
 GENERATION = 1
 """Version of the materials, part of a cached texture's name; to be increased whenever a material
@@ -61,6 +60,8 @@ def generate_texture(configuration: TextureConfiguration) -> GroundTexture:
     """
     if configuration.kind == PICTURE:
         raise ValueError("the kind picture has no generator")
+    from omni_sim.texture.materials import MATERIALS, Brush  # needs kernels, as no other use does
+
     generator = np.random.default_rng(np.random.SeedSequence(configuration.seed))
     texels, size = configuration.extent
     layers = MATERIALS[configuration.kind](Brush(size, generator))
