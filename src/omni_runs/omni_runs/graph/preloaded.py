@@ -16,8 +16,9 @@ from omni_core.commands.workspace import workspace_folder
 from omni_ros.start import start_lightly
 from omni_runs.graph.fork_server import nodes, replaced
 
-# Modules that nodes import in their work; numba.np.arraymath imports scipy.linalg.
-_IMPORTED_LATE = ("numba.np.arraymath", "numpy.ma", "rosbags.typesys.stores.ros2_jazzy")
+_USUAL = ("recorder", "odometry", "brake_assist", "simulator")  # nodes of `omni run`
+# Modules that nodes import in their work.
+_IMPORTED_LATE = ("numpy.ma", "rosbags.typesys.stores.ros2_jazzy")
 
 
 def _load_kernels() -> None:
@@ -46,7 +47,7 @@ def _load_kernels() -> None:
 
 os.setpgrp()  # Ctrl-C reaches only the process that ends the nodes
 start_lightly()
-for _name in (*(entry.module for entry in nodes()), *_IMPORTED_LATE):
+for _name in (*(entry.module for entry in nodes() if entry.name in _USUAL), *_IMPORTED_LATE):
     with contextlib.suppress(Exception):
         importlib.import_module(_name)
 # With its first kernel, numba compiles functions of its own.
