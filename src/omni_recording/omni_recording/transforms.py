@@ -5,6 +5,7 @@ node can publish it. The recorder writes the transforms directly: the pose of ev
 `nav_msgs/msg/Odometry`, and the frames that are fixed to the platform.
 """
 
+import functools
 import math
 from collections.abc import Sequence
 from typing import Any
@@ -20,6 +21,12 @@ MOVING_TOPIC = "/tf"
 STATIC_TOPIC = "/tf_static"
 
 _TYPE = "tf2_msgs/msg/TFMessage"
+
+
+@functools.cache
+def _store() -> Any:
+    """Return the message types, whose code is generated at their first use."""
+    return get_typestore(Stores.ROS2_JAZZY)
 
 
 class RecordedTransforms:
@@ -44,8 +51,8 @@ class RecordedTransforms:
         self.topics: list[RecordedTopic] = []
         self._fixed: bytes | None = None
         if not odometry and not frames:
-            return  # imported here, because loading the types of rosbags takes time
-        self._store = get_typestore(Stores.ROS2_JAZZY)
+            return  # loading the types of rosbags takes time
+        self._store = _store()
         definition = definitions.MessageDefinition(
             type_name=_TYPE,
             text=self._store.generate_msgdef(_TYPE, ros_version=2)[0],

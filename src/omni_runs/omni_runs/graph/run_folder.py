@@ -2,6 +2,7 @@
 
 import contextlib
 import datetime
+import functools
 import importlib.metadata
 import json
 import os
@@ -85,6 +86,7 @@ def _has_end(path: Path) -> bool:
         return size > len(MCAP0_MAGIC) and file.read() == MCAP0_MAGIC
 
 
+@functools.cache
 def versions() -> dict[str, str]:
     """Return what the bits of results depend on, keyed by name.
 
