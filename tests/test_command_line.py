@@ -147,8 +147,9 @@ def test_an_interrupt_before_anything_has_started(moment: str, tmp_path: Path) -
 def test_nodes_end_with_a_killed_bring_up(tmp_path: Path) -> None:
     with run_process(tmp_path / "out", *LATE) as process:
         wait_until(lambda: recorded_bytes(tmp_path / "out") > 0)
-        # Those of two variants, the process that forks them, and its resource tracker.
-        wait_until(lambda: len(node_processes(process.pid)) == 10)
+        # Those of two variants, one for their results, the process that forks them, and its
+        # resource tracker.
+        wait_until(lambda: len(node_processes(process.pid)) == 11)
     wait_until(lambda: not node_processes(process.pid))
 
 

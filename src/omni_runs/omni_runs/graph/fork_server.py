@@ -29,6 +29,7 @@ from omni_ros.start import NODES, start_node
 _READ_AT_START = ("LD_LIBRARY_PATH", "NUMBA_CACHE_DIR", "PYTHONPATH")
 
 _T = TypeVar("_T")
+_REPORTED = (InputError, WorkError, OSError)  # errors that commands report in one sentence
 
 
 @functools.cache
@@ -52,10 +53,12 @@ def start_process(
     return _start(_become, list(command), dict(environment), _Descriptors(descriptors))
 
 
-def _start(function: Callable[..., None], *arguments: Any) -> ForkServerProcess:
-    """Start a process that calls a function and then ends."""
+def _start(
+    function: Callable[..., None], *arguments: Any, daemon: bool = False
+) -> ForkServerProcess:
+    """Start a process that calls a function and then ends; a daemon ends with this process."""
     start_fork_server()
-    process = ForkServerProcess(target=function, args=arguments)
+    process = ForkServerProcess(target=function, args=arguments, daemon=daemon)
     # The process must not run the main module of this process, as in multiprocessing.
     with replaced(sys.modules, "__main__", ModuleType("__main__")):
         process.start()
@@ -74,7 +77,7 @@ class Worker:
     @functools.cached_property
     def _connection(self) -> Connection:
         own, served = multiprocessing.Pipe()
-        _start(_serve, served)
+        _start(_serve, served, daemon=True)
         served.close()
         return own
 
@@ -86,21 +89,22 @@ class Worker:
     def begin(self, function: Callable[[], _T]) -> Callable[[], _T]:
         """Begin to call a function; return a function that awaits the result.
 
-        The function and its result are pickled. An `InputError` or `WorkError` of the function is
+        The function and its result are pickled. An error of the function that is in `_REPORTED` is
         raised again when the result is awaited; any other error is printed.
         """
         number = next(self._numbers)
-        self._connection.send(function)
+        with contextlib.suppress(BrokenPipeError):  # the process has ended; see below
+            self._connection.send(function)
 
         def result() -> _T:
             while len(self._results) <= number:
                 try:
                     self._results.append(self._connection.recv())
-                except EOFError:
+                except (EOFError, ConnectionResetError):
                     raise WorkError("the process that computes results ended") from None
-            found: _T | InputError | WorkError = self._results[number]
-            if isinstance(found, (InputError, WorkError)):
-                raise found
+            if isinstance(self._results[number], _REPORTED):
+                raise self._results[number]
+            found: _T = self._results[number]
             return found
 
         return result
@@ -113,7 +117,7 @@ def _serve(connection: Connection) -> None:
             function = connection.recv()
             try:
                 result = function()
-            except (InputError, WorkError) as error:
+            except _REPORTED as error:
                 result = error
             connection.send(result)
 
