@@ -25,8 +25,7 @@ _STEP = np.dtype(
         ("reckoned", "?"),  # whether the motion is estimated without using the twist
         ("contradicted", "?"),  # whether there is no valid estimate
         ("no_effect", "?"),
-        ("frozen", "i8"),  # number of readings that have not changed for `frozen_time`
-        ("stuck", "?"),  # whether this number has increased
+        ("stuck", "?"),  # whether a reading has just not changed for `frozen_time`
         ("fault", "i8"),  # first fault present, a row of `conditions.CONDITIONS`
         ("faulty", "?"),  # whether a fault applied all brakes in the last step
         ("assisting", "?"),  # False if the next step of the law is a first step, see `Motion.first`

@@ -173,10 +173,11 @@ def _read_sensors(constants: Constants, memory: Memory, inputs: Inputs, braking:
         inertial[j + 1] = imu.acceleration[j] if known and plausible else math.nan
     if not braking:
         memory.changed_ns[:] = now_ns
-    step, seen, changed_ns = memory.step[0], memory.seen, memory.changed_ns
-    frozen = fail_safe.drop_frozen(limits, seen[:3], changed_ns[:3], now_ns, inertial)
-    frozen += fail_safe.drop_frozen(limits, seen[3:], changed_ns[3:], now_ns, memory.speeds)
-    step.stuck, step.frozen = frozen > step.frozen, frozen
+    seen, changed_ns, speeds = memory.seen, memory.changed_ns, memory.speeds
+    step, last_ns = memory.step[0], memory.gate[0].now_ns
+    step.stuck = fail_safe.drop_frozen(limits, seen[:3], changed_ns[:3], last_ns, now_ns, inertial)
+    step.stuck |= fail_safe.drop_frozen(limits, seen[3:], changed_ns[3:], last_ns, now_ns, speeds)
+    fail_safe.drop_repeated(limits, changed_ns[3:], now_ns, speeds)
     return math.isfinite(inertial[0] + inertial[1] + inertial[2])
 
 

@@ -35,7 +35,7 @@ from omni_brake_assist.conditions import CONDITIONS, GOOD, UNREADABLE, AssistSta
 from omni_brake_assist.configuration import BrakeAssistConfiguration
 from omni_brake_assist.laws.law import NO_HELP, call_law
 from omni_brake_assist.laws.own_law import own_law
-from omni_brake_assist.sources import Source, sources
+from omni_brake_assist.sources import LOST, Source, sources
 from omni_core.kinematics import PlatformKinematics
 from omni_core.quantities import FloatArray
 from omni_core.signals import INVALID, MISSING, VALID, ImuSample, TwistSample, WheelSample
@@ -81,6 +81,7 @@ class BrakeAssist:
         self._law = own_law(configuration, self.geometry)  # None if the law is built in
         self._memory = assist_state.new_memory(self._constants)
         self._faults: dict[int, Fault] = {}  # reasons for conditions that have no text in the table
+        self._malformed: dict[type, str] = {}  # problem of the last IMU or wheel sample, by type
         self._stamp_ns = 0
         # Compile the kernel here, so that the first real step is as fast as all others. Afterwards
         # the memory is replaced, because it contains the stamp of this trial step.
@@ -121,7 +122,13 @@ class BrakeAssist:
 
     def sources(self) -> tuple[Source, ...]:
         """Return the test ratio and state of each measurement source after the last decision."""
-        return sources(self._memory, self._kinematics, self.configuration.fault_detection)
+        found = sources(self._memory, self._kinematics, self.configuration.fault_detection)
+        inertial, wheels = map(self._malformed.get, (ImuSample, WheelSample))
+        problems = ["", *[inertial or ""] * 2, *[wheels or ""] * self._wheels]
+        return tuple(
+            one._replace(state=LOST, reason=problem) if problem else one
+            for one, problem in zip(found, problems, strict=True)
+        )
 
     def switch(self, *, enabled: bool) -> None:
         """Enable or disable the release of brakes, starting with the next decision."""
@@ -262,8 +269,11 @@ class BrakeAssist:
                 _real_array(getattr(signal, name), shape, words.get(name, name))
                 for name, shape in shapes.items()
             ]
-            return VALID, _checked_stamp(signal.stamp_ns), arrays
+            stamp_ns = _checked_stamp(signal.stamp_ns)
+            self._malformed.pop(type(signal), None)
+            return VALID, stamp_ns, arrays
         except ValueError as problem:
+            self._malformed[type(signal)] = str(problem)
             if isinstance(signal, TwistSample):
                 self._faults[UNREADABLE] = Fault(AssistState.NON_FINITE_FEEDBACK, str(problem))
             return INVALID, 0, missing

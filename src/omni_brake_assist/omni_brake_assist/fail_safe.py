@@ -324,18 +324,48 @@ def alive(
 
 @lean
 def drop_frozen(
-    limits: Limits, seen: FloatArray, changed_ns: IntArray, now_ns: int, values: FloatArray
-) -> int:
-    """Replace each reading that `alive` rejects by NaN; return the number of these readings.
+    limits: Limits,
+    seen: FloatArray,
+    changed_ns: IntArray,
+    last_ns: int,
+    now_ns: int,
+    values: FloatArray,
+) -> bool:
+    """Replace each reading that `alive` rejects by NaN; return whether any of them is new.
 
-    The arguments are those of `alive`, for all readings; `values` is changed in place.
+    A reading is new if it was not yet rejected at the last step. The arguments are those of
+    `alive`, for all readings, and the time of the last step, `last_ns`; `values` is changed in
+    place.
     """
-    frozen = 0
+    stuck = False
     for j in range(values.size):
+        frozen = since(last_ns, changed_ns[j]) / 1e9
         value = alive(limits, seen, changed_ns, j, now_ns, values[j])
-        frozen += math.isfinite(values[j]) and math.isnan(value)
+        rejected = math.isfinite(values[j]) and math.isnan(value)
+        stuck = stuck or (rejected and frozen <= limits.frozen_time)
         values[j] = value
-    return frozen
+    return stuck
+
+
+@lean
+def drop_repeated(limits: Limits, changed_ns: IntArray, now_ns: int, speeds: FloatArray) -> None:
+    """Replace all wheel speeds by NaN if wheels turn, but no speed changes within the timeout.
+
+    The last message is then repeated, and is as old as the last change.
+
+    Args:
+        limits: limits within which inputs are valid.
+        changed_ns: times at which the wheel speeds last changed [ns], shape (N,).
+        now_ns: present time [ns].
+        speeds: wheel speeds [rad/s], changed in place, shape (N,).
+    """
+    turns, changes = False, limits.frozen_time == 0.0
+    for i in range(speeds.size):
+        if abs(speeds[i]) > 0.0:
+            turns = True
+            changes = changes or since(now_ns, changed_ns[i]) <= limits.timeout_ns
+    if turns and not changes:
+        speeds[:] = math.nan
 
 
 @lean

@@ -200,3 +200,13 @@ def test_the_rate_of_an_input_is_reported_whatever_its_jitter(rate: float) -> No
         received.update(stamp_ns)
     assert float(received.words(stamp_ns).removesuffix(" Hz")) == pytest.approx(rate, rel=0.02)
     assert received.words(stamp_ns + 2_000_000_000) == "0.5 Hz"
+
+
+def test_a_malformed_imu_sample_is_reported_in_a_sentence(mecanum: dict[str, WheelMount]) -> None:
+    assist = BrakeAssist(BrakeAssistConfiguration(wheels=mecanum))
+    assist.update(BrakeDemand(0, 0.0, None, imu=ImuSample(0, 0.0, np.zeros(3))))
+    gyro = assist.sources()[1]
+    assert (gyro.name, gyro.state) == ("gyro", LOST)
+    assert gyro.reason == "acceleration has shape (3,), must be (2,)"
+    assist.update(BrakeDemand(10_000_000, 0.0, None, imu=ImuSample(10_000_000, 0.0, np.zeros(2))))
+    assert assist.sources()[1].state == FUSED

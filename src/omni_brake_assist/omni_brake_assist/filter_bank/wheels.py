@@ -106,6 +106,7 @@ def fuse_wheels(
     # Without an estimate, encoders are as probably faulty as under the best hypothesis.
     best = min(record.best, bank.NO_IMU)
     weight = new_information(dt, constants.wheel_correlation_time)
+    repeated = braking and _is_repeated(constants, memory, speeds)
     for i in range(speeds.size):
         rim = constants.roll[i] * speeds[i]
         change = rim - memory.rim[i]
@@ -113,7 +114,7 @@ def fuse_wheels(
         _follow_slowest(constants, memory, i, dt, braking, load)
         memory.rim[i], memory.wheel_ratio[i] = rim, math.nan
         memory.released[i] = 0.0 if load > 0.0 else memory.released[i] + dt
-        if math.isnan(rim):
+        if math.isnan(rim) or repeated:
             continue
         acts = not braking or memory.released[i] < constants.spin_up
         free = max(_rolling_speed(constants, memory, i), _GAIN)
@@ -131,6 +132,18 @@ def fuse_wheels(
         released = released or memory.released[i] >= constants.spin_up
         rolling = rolling or math.isfinite(memory.wheel_ratio[i])
     record.unsupported = 0.0 if rolling else record.unsupported + dt * (braking and released)
+
+
+@lean
+def _is_repeated(constants: BankConstants, memory: BankMemory, speeds: FloatArray) -> bool:
+    """Return whether no wheel speed differs from the last reading, although a wheel turns."""
+    turns = False
+    for i in range(speeds.size):
+        rim = constants.roll[i] * speeds[i]
+        if math.isfinite(rim) and rim != memory.rim[i]:
+            return False
+        turns = turns or abs(rim) > 0.0
+    return turns
 
 
 @lean

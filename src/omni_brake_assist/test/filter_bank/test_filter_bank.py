@@ -77,7 +77,7 @@ class Drive:
         rate = self.truth(step)[0][2]
         return np.array([rate, c * force[0] + s * force[1], c * force[1] - s * force[0]])
 
-    def run(
+    def run(  # noqa: PLR0912 - a line for each fault
         self,
         steps: int,
         fault: str = "",
@@ -97,6 +97,11 @@ class Drive:
             speeds = self.kinematics.wheel_speeds(self.truth(step)[0])
             if faulty and fault == "twist":
                 twist = twist + np.array([0.0, size, 0.0])
+            if faulty and fault == "drift":
+                twist = twist + np.array([size, size, 0.0]) * (step - onset) * self.period_ns / 1e9
+            if faulty and fault == "gyro and encoders":
+                inertial[0] = self.inertial(onset)[0]
+                speeds = self.kinematics.wheel_speeds(self.truth(onset)[0])
             if faulty and fault == "rate":
                 twist = twist + np.array([0.0, 0.0, size])
             if faulty and fault == "sine":  # with a period of half a second
@@ -114,7 +119,7 @@ class Drive:
                 speeds[0] += size
             received = not (faulty and fault in ("silence", "locked", "pulses"))
             enable = np.ones(count)
-            if braking:
+            if braking and fault != "gyro and encoders":
                 enable[0] = float(fault == "pulses" and step % 2)
                 speeds[0 if fault in ("locked", "pulses") else 1 :] = 0.0
             if faulty and fault == "ice":
@@ -288,6 +293,21 @@ def test_a_faulty_yaw_rate_of_the_twist_does_not_isolate_the_gyro(
 
     assert bank.NO_GYRO not in drive.chosen
     assert drive.time_until(bank.NO_RATE, 60) <= 0.02
+
+
+@pytest.mark.parametrize("size", [0.7, -1.0])
+def test_a_slow_drift_of_the_twist_is_isolated(drive: Drive, size: float) -> None:
+    """Each twist agrees with the last ones, but not with the integral of the accelerometer."""
+    drive.run(200, "drift", 60, size)
+    assert drive.chosen[-1] == bank.NO_VELOCITY
+    assert drive.error == pytest.approx(0.0, abs=0.05)
+
+
+def test_readings_that_repeat_do_not_isolate_the_twist(drive: Drive) -> None:
+    """Encoders and gyro are stuck at readings that agree with each other."""
+    drive.run(150, "gyro and encoders", 80)
+    assert not set(drive.chosen) & {*bank.TWIST_FAULTS, bank.NO_ESTIMATE}
+    assert drive.error == pytest.approx(0.0, abs=0.05)
 
 
 @pytest.mark.parametrize("size", [0.2, -0.3])
@@ -505,6 +525,7 @@ def test_wheels_contradict_a_fault_that_twist_and_imu_share(
         time = max(k * STEP, 0.0)
         speeds = START * constants.n_x / constants.roll
         speeds[1:] *= 0.9 if k >= 0 else 1.0
+        speeds *= 1.0 + 1e-6 * k  # real readings do not repeat
         stamp = (k + PEDAL) * PERIOD_NS
         force = np.array([0.0, -9.81 if k > 0 else 0.0, 0.0])
         readings = bank.Readings(float(k >= 0), np.array([0.0, 1.0, 1.0, 1.0]), force, speeds)
