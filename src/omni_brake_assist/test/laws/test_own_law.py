@@ -143,7 +143,8 @@ def test_a_law_does_not_receive_old_wheel_speeds(
     decisions = []
     for stamp_ns in range(0, 200_000_000, 10_000_000):
         feedback = TwistSample(stamp_ns, np.array([8.0, 0.0, 0.0]), 1e-5 * np.eye(3))
-        speeds = WheelSample(min(stamp_ns, 100_000_000), rolling)  # the timeout is 50 ms
+        taken_ns = min(stamp_ns, 100_000_000)  # the timeout is 50 ms
+        speeds = WheelSample(taken_ns, rolling - 1e-9 * taken_ns)
         pedal = float(stamp_ns > 50_000_000)
         decisions.append(assist.update(BrakeDemand(stamp_ns, pedal, feedback, speeds)))
     enables = {d.stamp_ns: d.enable for d in decisions if d.state is AssistState.ASSISTING}
