@@ -189,10 +189,11 @@ def _advance(constants: BankConstants, memory: BankMemory, target_ns: int) -> No
         record.inertial = math.isfinite(rate + f_x + f_y)
         record.equipped = record.equipped or record.inertial
         record.held = reading[bank.ROW_AGE] if record.inertial else 0.0
-        repeated = pedal > 0.0 and rate == record.gyro != 0.0
-        if math.isfinite(rate) and reading[bank.ROW_FRESH] > 0.0 and not repeated:
-            filters.fuse_gyro(constants, memory, record.unmeasured, rate)
-            record.unmeasured = 0.0
+        if math.isfinite(rate) and reading[bank.ROW_FRESH] > 0.0:
+            # A reading that equals the last one in a stop is no evidence, but remains the best one.
+            new = not (pedal > 0.0 and rate == record.gyro != 0.0)
+            filters.fuse_gyro(constants, memory, record.unmeasured if new else 0.0, rate)
+            record.unmeasured = 0.0 if new else record.unmeasured
         record.gyro = rate
         if stamp_ns > target_ns:
             return
