@@ -30,6 +30,8 @@ from omni_core.sensors import LineSensor, velocity_row
 _STILL_SHARE = 0.5
 _STILL_PIXELS = 2.0  # px; after this motion along the axis a view must change
 _HARDEST_STOP = 15.0  # m/s^2; a hard stop on a dry road reaches 10
+# m/s^2; hardest stop of one camera while others move on: 5 rad/s^2 between cameras 1 m apart
+_HARDEST_TURN = 5.0
 _CERTAIN = 4.0  # standard deviations by which a stop must be too hard
 _REMEMBERED_NS = 1_280_000_000  # ns; twists are stored for this time, longer than a keyframe
 # Limit on the time without a twist over which the motion is extrapolated, and time for which the
@@ -72,9 +74,13 @@ class UnsuitableViews:
         self._covered: dict[str, str] = {}
         # Stamps [ns] at which textures were decided to be ordinary or oblique, and the decisions.
         self._textures: dict[str, tuple[int, str]] = {}
+        self._alone: set[str] = set()  # covered cameras that stopped while others moved on
         self._static_ns: dict[str, int] = {}  # stamps at which views last were constant [ns]
         self._twist: FloatArray = np.zeros(3)
-        self._deviations: dict[str, float] = {}  # of the velocities of that twist [m/s]
+        # Deviations of the velocities of that twist, and of the present ones, over textures of
+        # known slope [m/s].
+        self._deviations: dict[str, float] = {}
+        self._own: dict[str, float] = {}
         self._stamp_ns = 0
         self._interval_ns = 0  # time between the last two twists [ns]
 
@@ -92,34 +98,58 @@ class UnsuitableViews:
         """
         if stamp_ns < self._stamp_ns:  # the recording is played again
             self._start_anew()
+        # An unknown slope of the texture falsifies the velocity, but a view that shifted at this
+        # velocity must change all the same.
+        self._own = {name: math.sqrt(reading.variance) for name, reading in readings.items()}
         static = {n: r for n, r in readings.items() if n in self._sensors and r.static_time > 0.0}
         for name in self._sensors.keys() & readings.keys() - static.keys():
             # Because of noise, a constant view is not recognized in every batch.
             if stamp_ns - self._static_ns.get(name, stamp_ns) > _GAP_NS:
                 self._covered.pop(name, None)
         self._static_ns |= dict.fromkeys(static, stamp_ns)
-        sudden = ""
+        sudden, moving = "", self._moving_on(readings)
+        self._alone &= self._covered.keys()
         for name, reading in static.items():
             along, across = (float(v) for v in self._rows[name] @ self._twist)
             speed = math.hypot(along, across)
             # The last twist is a mean over its batch, so the stop began within that batch.
             stopping = stamp_ns - self._stamp_ns - round(1e9 * reading.static_time)
             elapsed = 1e-9 * (max(stopping, 0) + self._interval_ns)
-            possible = _HARDEST_STOP * elapsed + _CERTAIN * self._deviations.get(name, 0.0)
-            if speed > possible and self._would_show(name, along, across, reading.static_time):
-                sudden = f"{1e3 * elapsed:.3g} ms after it moved at {speed:.3g} m/s"
-                self._covered[name] = f"covered: its view does not change, {sudden}"
+            uncertain = _CERTAIN * self._deviations.get(name, 0.0)
+            shows = self._would_show(name, along, across, reading.static_time)
+            after = f"{1e3 * elapsed:.3g} ms after it moved at {speed:.3g} m/s"
+            reason = f"covered: its view does not change, {after}"
+            if speed > _HARDEST_STOP * elapsed + uncertain and shows:
+                sudden = after
+                self._covered[name] = reason
+            elif moving and abs(along) > _HARDEST_TURN * elapsed + uncertain and shows:
+                self._alone.add(name)
+                self._covered.setdefault(name, reason)
         if sudden:
             # A vehicle that cannot be at rest turns about one static view at most.
             stopped = stamp_ns - self._stamp_ns + self._interval_ns
             also = [n for n, r in static.items() if 1e9 * r.static_time < stopped]
             reason = f"covered: its view does not change, like that of a camera {sudden}"
             self._covered = dict.fromkeys(also, reason) | self._covered
+        at_rest = len(static) == len(self._sensors)
         return {
             name: readings[name].rejected(reason)
             for name, reason in self._covered.items()
-            if name in readings and (name in static or readings[name].measured)
+            if name in readings
+            and (name in static or readings[name].measured)
+            and not (at_rest and name in self._alone)
         }
+
+    def _moving_on(self, readings: Mapping[str, SensorReading]) -> bool:
+        """Return whether a camera moves on along its axis at half of its last speed or more."""
+        for name, rows in self._rows.items():
+            last, reading = float(rows[0] @ self._twist), readings.get(name)
+            if reading is None or not reading.measured or reading.static_time > 0.0:
+                continue
+            certain = _CERTAIN * math.sqrt(reading.variance)
+            if reading.velocity * last > 0.0 and abs(reading.velocity) - certain > 0.5 * abs(last):
+                return True
+        return False
 
     def sloping(
         self, stamp_ns: int, readings: Mapping[str, SensorReading], twist: FloatArray
@@ -243,7 +273,7 @@ class UnsuitableViews:
         found = found or self._over_oblique_texture(stamp_ns, readings, twist)
         if not found:
             self._remember(stamp_ns, twist)
-            self._deviations = {name: math.sqrt(r.variance) for name, r in readings.items()}
+            self._deviations = self._own
         return found
 
     def unconfirmed(
