@@ -14,6 +14,7 @@ from linescan_odometry.joint.spectra import SIGNIFICANT
 
 _SETTLING = 0.1  # s; slower changes of the scale, as of the load, look like a drift
 _MEMORY = 0.5  # s; time constant with which earlier scales lose weight
+_LEAST_ERROR = 1e-12  # variance of a change of the scale; keeps ratios finite for equal lines
 
 
 class Heave:
@@ -27,15 +28,16 @@ class Heave:
     def __init__(self, line_rate: float) -> None:
         """Create the measurement for a camera with a line rate [1/s]."""
         self._line_rate = line_rate
-        self.variance = 0.0
-        # Sums over earlier batches: number, squared changes, their errors, squared scales.
-        self._weight = self._changes = self._errors = self._square = 0.0
+        self.variance, self._certain = 0.0, False
+        # Sums over earlier batches: number, squared changes, their errors, ratios of the two, and
+        # squared scales.
+        self._weight = self._changes = self._errors = self._ratios = self._square = 0.0
         self.reset()
 
     @property
     def remark(self) -> str:
-        """Description of the variation; empty if it is not significant."""
-        percent = 100.0 * math.sqrt(self.variance)
+        """Description of the variation; empty if it may be due to errors with heavy tails."""
+        percent = 100.0 * math.sqrt(self.variance) if self._certain else 0.0
         return f"heave: the scale of the view varies by {percent:.2g} %" if percent else ""
 
     def reset(self) -> None:
@@ -58,10 +60,12 @@ class Heave:
         self._weight = kept * self._weight + 1.0
         self._changes = kept * self._changes + change**2
         self._errors = kept * self._errors + error
-        limit = 1.0 + SIGNIFICANT**2 / math.sqrt(self._weight)
-        prior = 0.0
-        if self._changes > limit * self._errors:
+        self._ratios = kept * self._ratios + change**2 / max(error, _LEAST_ERROR)
+        limit, prior = SIGNIFICANT**2 * math.sqrt(self._weight), 0.0
+        if self._changes > (1.0 + limit / self._weight) * self._errors:
             prior = (self._changes - self._errors) / self._weight
+        # The errors of few segments have heavier tails than a normal distribution (Student's t).
+        self._certain = self._ratios > self._weight + limit + SIGNIFICANT**2
         share = prior / (prior + error) if prior > 0.0 else 0.0
         change, error = share * change, share * error  # posterior mean and variance
         self._scale, self._error = self._scale + change, self._error + error
