@@ -128,11 +128,12 @@ class JointEstimator:
         if estimate.reason:
             raise Unmeasured(estimate.reason, unmatched=estimate.moves)
         change = self._camera.change * (len(lines) - 1)
-        reach = change + _AGREE * math.sqrt(estimate.variance + uncertain)
+        error = estimate.variance + self.heave.variance * estimate.value**2
+        reach = change + _AGREE * math.sqrt(error + uncertain)
         agrees = abs(estimate.value - last) < reach < math.inf
         confirmed = agrees or (math.isnan(last) and not estimate.few)
         if confirmed or estimate.moves:
-            self._before = estimate.value, estimate.variance
+            self._before = estimate.value, error
         if not confirmed:
             cause = "few features" if estimate.few else "a change of speed"
             raise Unmeasured(f"{cause}, which the last batch does not confirm", unmatched=True)
@@ -219,7 +220,7 @@ def _estimate(
     if not flaw:
         flaw = _flaw(best, moves, view, camera)
     if parted and not flaw:
-        pattern = _remembered(pattern, best.pattern, (layout.lines - 1) * camera.fading)
+        pattern = _remembered(pattern, best, layout, camera.fading)
     few = weak or best.features < FEWEST
     return Estimate(
         best.motion[0],
@@ -238,12 +239,31 @@ def _estimate(
 
 @kernel
 def _remembered(
-    pattern: spectra.FixedPattern, batch: spectra.FixedPattern, fading: float
+    pattern: spectra.FixedPattern, best: Solution, layout: candidates.Layout, fading: float
 ) -> spectra.FixedPattern:
-    """Return the pattern of all batches; the weight of earlier batches decays exponentially."""
-    kept = np.float32(max(1.0 - fading, 0.0))
+    """Return the pattern of all batches; the weight of earlier batches decays exponentially.
+
+    The pattern of a batch contains the mean of the ground over the batch. The texture power,
+    estimated without this mean, is too small by its share, and so is the stated variance of the
+    pattern. The following batches may still show the same mean, so this share of the batch is not
+    independent of theirs either.
+
+    Args:
+        pattern: fixed pattern before the batch.
+        best: displacement of the batch, and the pattern estimated from it.
+        layout: sizes of the batch.
+        fading: share of their weight that older batches lose, per line [1].
+    """
+    kappa = np.arange(layout.lines) - 0.5 * (layout.lines - 1)
+    paths = best.motion[0] * kappa + best.motion[1] * 0.5 * kappa**2
+    turn = candidates.phases(paths, layout.size, len(pattern.precision))
+    mean = turn.sum(axis=0) / np.float32(layout.lines)
+    weight = (np.float32(1.0) - mean.real**2 - mean.imag**2) ** 2
+    kept = np.float32(max(1.0 - (layout.lines - 1) * fading, 0.0))
+    information, precision = best.pattern
     return spectra.FixedPattern(
-        pattern.information * kept + batch.information, pattern.precision * kept + batch.precision
+        pattern.information * kept + information * weight,
+        pattern.precision * kept + precision * weight,
     )
 
 

@@ -128,8 +128,9 @@ def slow(
     unequal = unequal_pixels(view.logs, view.noise) * (camera.taper**2).sum()
     gains = max(unequal, 1.0 / camera.stated)
     known = start[1].real.astype(np.float64) ** 2 + start[1].imag.astype(np.float64) ** 2
-    inexact = _INEXACT**2 * spectra.smoothed(known)
-    prior = 1.0 / (pattern.precision + 1.0 / max(gains, 1e-12)) + inexact
+    power = spectra.smoothed(known)
+    inexact = _INEXACT**2 * power
+    prior = 1.0 / (pattern.precision + 1.0 / np.maximum(gains + power, 1e-12)) + inexact
     dirt = 1.0 / np.maximum(pattern.precision, 1e-12) + inexact
     motion, rest, batch, here = _maximize(view, camera, pattern, layout, start, prior)
     share = 1.0 if np.isfinite(motion).all() else 0.0

@@ -162,3 +162,20 @@ def test_one_batch_of_other_lines_does_not_blind_a_camera_at_rest() -> None:
         measured.append(eye.update(LineBatch(round(1e7 * (number + 1)), lines)).measured)
     assert all(measured[:3])
     assert all(measured[5:])
+
+
+@pytest.mark.parametrize("displacement", [0.4, 1.0])
+def test_ground_that_hardly_turns_within_a_batch_is_not_learned_as_a_pattern(
+    displacement: float,
+) -> None:
+    """Waves of 100 px and more turn by at most a quarter of a period."""
+    estimator = JointEstimator(SENSOR, 512)
+    for number in range(10):
+        first = number * (LINES - 1) * displacement
+        lines = [ground(first + k * displacement, 20.0) for k in range(LINES)]
+        noisy = np.array(lines) + np.random.default_rng(number).normal(0.0, 2.0, (LINES, PIXELS))
+        estimator.estimate(np.clip(np.rint(noisy), 0, 255).astype(np.uint8))
+    information, precision = estimator.pattern
+    # The squared error of the pattern, which is 0, relative to its stated variance.
+    error = np.abs(information[4:20]) ** 2 / np.maximum(precision[4:20], 1e-12)
+    assert error.mean() < 9.0
