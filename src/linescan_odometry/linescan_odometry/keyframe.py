@@ -25,6 +25,8 @@ _UNSHIFTED = 2.0  # px; up to this shift, a fixed pattern counts as texture that
 _SHIFTED = 8.0  # px; from this shift on, a fixed pattern is no texture that remains
 _SEARCHED = 3  # px searched on each side of the expected shift, plus _SEARCHED_SHARE of the shift
 _SEARCHED_SHARE = 0.01
+# Limit on a gradient, relative to the mean magnitude: edges of shadows and of dirt exceed it.
+_LIMIT = 2.0
 _FEWEST = 16  # smallest number of pixels for a comparison
 # Lengths of neighboring groups, as shares of a batch: long groups show the loss of faint texture,
 # and short ones that of texture that leaves the view within a few lines.
@@ -159,6 +161,9 @@ def _differentiate(line: Float32Array, step: int, gradient: Float32Array) -> Non
         behind += middle - line[i - 1]
         ahead += line[i + 2 * step - 1] - middle
         gradient[i] = ahead - behind
+    limit = np.float32(_LIMIT * np.abs(gradient).mean())
+    for i in range(len(gradient)):
+        gradient[i] = min(max(gradient[i], -limit), limit)
 
 
 class _Common(NamedTuple):
