@@ -236,7 +236,7 @@ def _compare(new: Group, old: Group, expected: tuple[float, int], step: int) -> 
         if count >= _FEWEST and product > most:
             most, number = product, count
     # What even and odd lines have in common without the shift is a fixed pattern, or texture of low
-    # frequency. Either way, the share that is kept lies between two bounds.
+    # frequency. Either way, the kept share is between two bounds.
     pattern = 0.0
     if abs(expected[0]) > _UNSHIFTED:
         pattern = 0.5 * (_product(new, 1, old, 2, 0)[0] + _product(new, 2, old, 1, 0)[0])
