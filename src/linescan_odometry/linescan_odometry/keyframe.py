@@ -89,7 +89,7 @@ class Keyframe:
         pixels, period, step = lines.shape[1], 1e-9 * period_ns, self._step
         self._shift += (len(lines) - 1) * displacement
         most = int(_SPREAD * pixels / max(abs(displacement), _SPREAD))
-        counts = [min(max(round(share * len(lines)), 2), most) for share in _SHARES]
+        counts = [min(max(int(share * len(lines)), 2), most) for share in _SHARES]
         if counts[0] < 2 or len(lines) < 4:
             self.reset()
             return ()

@@ -252,7 +252,7 @@ class UnsuitableViews:
         width = self._sensors[name].width
         blur = abs(across) * decay.duration / width
         path = self._path_across(name, stamp_ns, decay.age, across) / width
-        return _common_ground(path, blur) / _common_ground(0.0, blur)
+        return common_ground(path, blur) / common_ground(0.0, blur)
 
     def unsuitable(
         self, stamp_ns: int, readings: Mapping[str, SensorReading], twist: FloatArray
@@ -425,7 +425,7 @@ class UnsuitableViews:
         )
 
 
-def _common_ground(path: float, blur: float) -> float:
+def common_ground(path: float, blur: float) -> float:
     """Return the share of the ground that lines of one mean have in common with those of another.
 
     It is the mean of ``max(1 - |x|, 0)`` over all pairs of lines, at their distances x.

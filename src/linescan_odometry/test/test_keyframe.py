@@ -94,6 +94,13 @@ def test_lines_of_noise_determine_no_share() -> None:
     assert all(decay.variance > 0.2 for decays in decays_of(lines, 1.0) for decay in decays)
 
 
+@pytest.mark.parametrize("count", range(4, 30))
+def test_any_number_of_lines_is_compared(count: int) -> None:
+    lines = passing(1, 1, 0.1)[:count].astype(np.float32)
+    for decay in Keyframe(PIXELS).compare(10**9, PERIOD_NS, lines, 1.0):
+        assert np.isfinite(decay).all()
+
+
 @pytest.mark.parametrize(("lines", "shift"), [(3, 1.0), (26, 600.0)])
 def test_too_few_lines_with_common_ground_are_not_compared(lines: int, shift: float) -> None:
     seen = np.zeros((lines, PIXELS), np.float32)

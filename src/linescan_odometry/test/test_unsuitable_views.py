@@ -14,7 +14,7 @@ from linescan_odometry.configuration import OdometryConfiguration
 from linescan_odometry.keyframe import Keyframe
 from linescan_odometry.measurements import Decay, SensorReading
 from linescan_odometry.sensor import SensorOdometry
-from linescan_odometry.unsuitable_views import UnsuitableViews
+from linescan_odometry.unsuitable_views import UnsuitableViews, common_ground
 from omni_core.sensors import LineSensor
 from omni_core.signals import LineBatch
 
@@ -224,6 +224,15 @@ def test_a_slope_counts_unless_the_texture_is_ordinary(
     assert reading.slope == 0.0
     expected = 1e-6 + share * (0.05 * 5.0) ** 2
     assert reading.variance == pytest.approx(expected, rel=3e-2, abs=1e-6)
+
+
+@pytest.mark.parametrize("path", [0.0, 0.4, 1.0, 1.7])
+@pytest.mark.parametrize("blur", [0.0, 0.01, 0.6, 2.5])
+def test_the_common_ground_is_the_mean_over_all_pairs_of_lines(path: float, blur: float) -> None:
+    lines = blur * np.linspace(0.0, 1.0, 2001)
+    apart = path + np.subtract.outer(lines, lines)
+    expected = np.maximum(1.0 - np.abs(apart), 0.0).mean()
+    assert common_ground(path, blur) == pytest.approx(expected, abs=1e-3)
 
 
 def test_rocking_to_and_fro_is_no_path_across() -> None:
