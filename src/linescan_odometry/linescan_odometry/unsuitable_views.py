@@ -66,11 +66,11 @@ class UnsuitableViews:
             )
             for name, s in sensors.items()
         }
-        self._stamps: list[int] = []
-        self._paths: list[FloatArray] = []  # distance across each axis [m]
         self._start_anew()
 
     def _start_anew(self) -> None:
+        self._stamps: list[int] = []
+        self._paths: list[FloatArray] = []  # distance across each axis [m]
         self._covered: dict[str, str] = {}
         # Stamps [ns] at which textures were decided to be ordinary or oblique, and the decisions.
         self._textures: dict[str, tuple[int, str]] = {}
@@ -208,7 +208,7 @@ class UnsuitableViews:
 
         The reason is empty for ordinary texture. The result is None without a decision, for
         instance if a texture changes for another reason than that it leaves the view. A decision
-        holds until the view has moved by its width.
+        holds until the view has moved across by its width.
 
         Args:
             stamp_ns: stamp of the reading [ns].

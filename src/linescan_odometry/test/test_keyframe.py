@@ -8,8 +8,8 @@ from scipy.ndimage import gaussian_filter1d
 from linescan_odometry.keyframe import Keyframe
 from linescan_odometry.measurements import Decay
 
-LINES, PIXELS, COVERED = 26, 1024, 40  # COVERED: rows of the ground in the width of a pixel
-HALF, BATCH, PERIOD_NS = 13, 25, 400_000
+PIXELS, COVERED = 1024, 40  # COVERED: rows of the ground in the width of a pixel
+BATCH, PERIOD_NS = 25, 400_000
 
 
 def passing(

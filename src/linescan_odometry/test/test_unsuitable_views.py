@@ -235,6 +235,16 @@ def test_the_common_ground_is_the_mean_over_all_pairs_of_lines(path: float, blur
     assert common_ground(path, blur) == pytest.approx(expected, abs=1e-3)
 
 
+def test_a_recording_that_is_played_again_has_a_new_path() -> None:
+    views, twist = UnsuitableViews({"eye": CAMERA}), np.array([0.0, 1.0, 0.0])
+    ordinary = Decay(0.01, 0.0, 0.5, 0.5, 1e-6, True)  # 10 mm of 20 mm across
+    reading = SensorReading(0.0, 1e-6, 1.0, 1.0, True, decays=(ordinary,))
+    for first_ns in (100 * 10**9, 10**9):
+        for stamp_ns in range(first_ns, first_ns + 10**8, 10**7):
+            assert not views.stopped(stamp_ns, {"eye": reading})
+            assert not views.unsuitable(stamp_ns, {"eye": reading}, twist)
+
+
 def test_rocking_to_and_fro_is_no_path_across() -> None:
     # A vehicle that has stopped rocks on its tires: 6 mm to either side, 24 mm a period.
     way = 0.006 * np.sin(2.0 * np.pi * 2.5 * np.arange(40 * BATCH + 1) / RATE)

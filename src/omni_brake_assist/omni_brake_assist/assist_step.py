@@ -177,7 +177,6 @@ def _read_sensors(constants: Constants, memory: Memory, inputs: Inputs, braking:
     step, last_ns = memory.step[0], memory.gate[0].now_ns
     step.stuck = fail_safe.drop_frozen(limits, seen[:3], changed_ns[:3], last_ns, now_ns, inertial)
     step.stuck |= fail_safe.drop_frozen(limits, seen[3:], changed_ns[3:], last_ns, now_ns, speeds)
-    fail_safe.drop_repeated(limits, changed_ns[3:], now_ns, speeds)
     return math.isfinite(inertial[0] + inertial[1] + inertial[2])
 
 

@@ -189,6 +189,7 @@ class BrakeAssist:
         except ValueError as problem:
             fault = Fault(AssistState.INVALID_DEMAND, f"demand: {problem}")
             return self._all_on(conditions.INVALID_STAMP, fault)
+        self._malformed.clear()
         pedal = self._read_pedal(demand.pedal)
         input_faults = (
             conditions.INVALID_DEMAND,
@@ -269,9 +270,7 @@ class BrakeAssist:
                 _real_array(getattr(signal, name), shape, words.get(name, name))
                 for name, shape in shapes.items()
             ]
-            stamp_ns = _checked_stamp(signal.stamp_ns)
-            self._malformed.pop(type(signal), None)
-            return VALID, stamp_ns, arrays
+            return VALID, _checked_stamp(signal.stamp_ns), arrays
         except ValueError as problem:
             self._malformed[type(signal)] = str(problem)
             if isinstance(signal, TwistSample):

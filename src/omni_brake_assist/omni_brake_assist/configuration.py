@@ -96,9 +96,8 @@ class BrakeAssistConfiguration(Configuration):
     minimum_reference_speed: float = parameter(0.1, unit="m/s", above=0.0, maximum=10.0)
     """Speed at the start of braking below which no line of motion is stored"""
     feedback_timeout: float = parameter(0.05, unit="s", above=0.0, maximum=10.0)
-    """Limit on the age of the twist, the IMU reading and the wheel speeds (in a stop, since any of
-    them has changed); with an older twist all brakes are on, unless a current IMU reading allows
-    dead reckoning"""
+    """Limit on the age of the twist, the IMU reading and the wheel speeds; with an older twist all
+    brakes are on, unless a current IMU reading allows dead reckoning"""
     maximum_time_step: float = parameter(0.25, unit="s", above=0.0, maximum=60.0)
     """Limit on the time between two demands, and on the time between two twists over which the
     heading is integrated; after a longer time, a new line of motion is stored"""

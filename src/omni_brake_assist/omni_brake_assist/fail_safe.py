@@ -348,27 +348,6 @@ def drop_frozen(
 
 
 @lean
-def drop_repeated(limits: Limits, changed_ns: IntArray, now_ns: int, speeds: FloatArray) -> None:
-    """Replace all wheel speeds by NaN if wheels turn, but no speed changes within the timeout.
-
-    The last message is then repeated, and is as old as the last change.
-
-    Args:
-        limits: limits within which inputs are valid.
-        changed_ns: times at which the wheel speeds last changed [ns], shape (N,).
-        now_ns: present time [ns].
-        speeds: wheel speeds [rad/s], changed in place, shape (N,).
-    """
-    turns, changes = False, limits.frozen_time == 0.0
-    for i in range(speeds.size):
-        if abs(speeds[i]) > 0.0:
-            turns = True
-            changes = changes or since(now_ns, changed_ns[i]) <= limits.timeout_ns
-    if turns and not changes:
-        speeds[:] = math.nan
-
-
-@lean
 def _accept(limits: Limits, gate: Any, stamp_ns: int, twist: FloatArray, braking: bool) -> None:
     """Store a valid twist; open the gate after `recovery_count` valid twists in a row."""
     if gate.known and stamp_ns == gate.last_ns:

@@ -191,7 +191,7 @@ class RunHistory:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class FastRun(RunHistory):
-    """Time histories of a run of the fast loop, without odometry and states of the assistant.
+    """Time histories of a run of the fast loop, without odometry and details of the assistant.
 
     Attributes:
         feedback: twist that the brake assistant received [m/s, m/s, rad/s], shape (T, 3).

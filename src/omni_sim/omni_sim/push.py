@@ -25,7 +25,8 @@ class Push(NamedTuple):
 
     def at(self, time: NDArray[np.floating]) -> FloatArray:
         """Return force [N, N] and moment [N m] at times [s] of a run, shape (T, 3)."""
-        acts = (time >= self.time) & (time < self.time + self.duration)
+        since = np.round(time - self.time, 9)  # to a nanosecond, as the stamps
+        acts = (since >= 0.0) & (since < np.round(self.duration, 9))
         return np.asarray(np.outer(acts, (*self.force, self.moment)), dtype=np.float64)
 
 

@@ -26,10 +26,9 @@ center of the wheels, to which the twist and the position ``p`` of the IMU also 
 To make their likelihoods comparable, all hypotheses explain the same readings. A reading of a
 faulty source is modeled as a random walk from the last reading, whose steps are as large as the
 vehicle's motion allows, or as their mean square over the last 0.1 s, if this is larger. An error
-that changes its sign at every reading has a mean of 0, but such a large mean square. Each twist
-that drifts slowly agrees with the last ones. The twist's velocity is therefore also isolated if the
-velocity of a filter that uses it has drifted from that of the filter that does not. A gyro reading
-that equals the last one, and wheel speeds that all do, contain no new information. A wheel is
+that changes its sign at every reading has a mean of 0, but such a large mean square. In a
+stop, a gyro reading that equals the last one, and wheel speeds that all do, contain no new
+information. A wheel is
 modeled as a mixture of rolling, sliding, locked and a faulty encoder. The prior probabilities of
 these cases depend on the state of the brake. The slip of a released wheel only falls. A rim slows
 down no faster than its brake can stop it; this limit is used only with the law `allocation`, whose

@@ -11,11 +11,6 @@ from omni_core.quantities import FloatArray
 from omni_core.signals import VALID, TwistSample
 
 _UNSUPPORTED = 0.2  # limit on the time without a rolling released wheel if there is no twist [s]
-# Normalized squared difference of two velocities above which a drift of the twist is more probable
-# than the errors that explain it. A fault has the prior probability `bank.PRIOR`, and a drift has
-# any rate up to 4 m/s^2 per axis, about 20 times the accelerometer's bias:
-# 2 ln(1 / 0.05) + 4 ln(20) [1].
-_DRIFT = 18.0
 _MIXING_TIME = 0.5  # time constant with which the other filters follow the best one, pedal up [s]
 
 
@@ -101,9 +96,6 @@ def _press(constants: BankConstants, memory: BankMemory, braking: bool) -> None:
     if record.pressed and not braking:
         bank.reset_posterior(constants, memory)
     record.pressed = braking
-    if not braking:
-        for j in range(STATES):
-            memory.integral[j] = memory.state[min(record.best, bank.NO_IMU), j]
 
 
 @lean
@@ -182,8 +174,6 @@ def _advance(constants: BankConstants, memory: BankMemory, target_ns: int) -> No
             share = (until_ns - record.horizon_ns) / (stamp_ns - record.horizon_ns)
             rate = record.gyro + share * (rate - record.gyro)
         filters.predict(constants, memory, dt, f_x, f_y)
-        memory.integral[RATE] = memory.state[bank.NO_TWIST, RATE]
-        filters.propagate(memory.integral, bank.NO_TWIST, dt, f_x, f_y)
         record.horizon_ns = until_ns
         record.unmeasured += dt
         record.inertial = math.isfinite(rate + f_x + f_y)
@@ -235,10 +225,6 @@ def _update_posterior(constants: BankConstants, memory: BankMemory, dt: float) -
         posterior[k] += memory.evidence[k]
         if not record.equipped and k in (bank.NO_GYRO, bank.NO_FORCE, bank.NO_IMU):
             posterior[k] = -1e3
-    if record.pressed and record.equipped:
-        _blame_drift(memory, bank.ALL, bank.NO_VELOCITY)
-        _blame_drift(memory, bank.NO_RATE, bank.NO_TWIST)
-    for k in range(bank.HYPOTHESES):
         largest = max(largest, posterior[k])
     total = 0.0
     for k in range(bank.HYPOTHESES):
@@ -250,33 +236,6 @@ def _update_posterior(constants: BankConstants, memory: BankMemory, dt: float) -
         posterior[k] = math.log(probability)
         if probability > at_best:
             record.best, at_best = k, probability
-
-
-@lean
-def _blame_drift(memory: BankMemory, k: int, without: int) -> None:
-    """Move the probability of hypothesis `k` to `without` if the twist's velocity drifts.
-
-    Each twist of a slow drift agrees with the filter `k`, which follows it. The filter `without`
-    integrates the accelerometer instead. Under hypothesis `k`, the velocities of both filters
-    differ by no more than the errors of the filter `without` and of the twist. A wrong wheel speed
-    can also separate them, but then the accelerometer's integral is closer to the twist.
-
-    Args:
-        memory: memory of the bank, changed in place.
-        k: number of a hypothesis.
-        without: number of the hypothesis that, in addition, the velocity of the twist is faulty.
-    """
-    state, covariance = memory.state[without], memory.covariance[without]
-    posterior = memory.posterior
-    x, y = memory.state[k, U_X] - state[U_X], memory.state[k, U_Y] - state[U_Y]
-    own = bank.WHEEL**2 + bank.SHARE**2 * (state[U_X] ** 2 + state[U_Y] ** 2)
-    p_x, p_y, p_xy = covariance[U_X, U_X] + own, covariance[U_Y, U_Y] + own, covariance[U_X, U_Y]
-    squared = p_y * x * x - 2.0 * p_xy * x * y + p_x * y * y
-    drifts = squared > _DRIFT * (p_x * p_y - p_xy * p_xy)
-    a_x, a_y = memory.integral[U_X] - state[U_X], memory.integral[U_Y] - state[U_Y]
-    if drifts and math.hypot(a_x, a_y) < math.hypot(a_x - x, a_y - y):
-        most, least = max(posterior[k], posterior[without]), min(posterior[k], posterior[without])
-        posterior[without], posterior[k] = most + math.log1p(math.exp(least - most)), -1e3
 
 
 @lean

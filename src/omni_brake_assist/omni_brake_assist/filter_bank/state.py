@@ -230,7 +230,6 @@ class BankMemory(NamedTuple):
         stamps: stamps of these readings [ns], -1 for readings before the start, shape (R,).
         newest: row of the newest reading, and row of the newest reading that the filters have used,
             shape (2,).
-        integral: state of a filter that since the start of the stop uses only the IMU, shape (8,).
         h: direction in the state space that a measurement observes, shape (8,).
         gain: Kalman gain of a correction, shape (8,).
     """
@@ -260,7 +259,6 @@ class BankMemory(NamedTuple):
     rows: FloatArray
     stamps: IntArray
     newest: IntArray
-    integral: FloatArray
     h: FloatArray
     gain: FloatArray
 
@@ -333,7 +331,6 @@ def bank_memory(constants: BankConstants) -> BankMemory:
         np.zeros((rows, ROW_WHEELS + 2 * wheels)),
         np.full(rows, -1, np.int64),
         np.zeros(2, np.int64),
-        np.zeros(STATES),
         np.zeros(STATES),
         np.zeros(STATES),
     )

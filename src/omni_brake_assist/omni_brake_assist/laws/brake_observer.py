@@ -39,7 +39,8 @@ ROLLS = 2.5
 deviations of a rolling rim [1]."""
 
 _CERTAIN = 0.95  # probability above which a brake counts as failed [1]
-# Largest evidence of an external force per correlation time, so that no single reading decides [1].
+# Largest evidence of an external force per correlation time [1]. That of a lost brake is little
+# larger, so no single reading decides.
 _MOST = 4.0
 _FORCE = 0.12  # standard deviation of the friction force of a wheel, relative to this force [1]
 _LATE = 0.03  # time constant with which a brake may lag behind its nominal force [s]
@@ -63,7 +64,7 @@ def observe_brakes(law: Constants, memory: Memory, motion: Motion) -> bool:
     """
     body, wheels = memory.body[0], memory.wheel
     if not math.isfinite(motion.force_x + motion.force_y) or motion.failed_brake != NO_WHEEL:
-        wheels["lost"][:] = 0.0
+        wheels["lost"][:] = body.pushed = 0.0
         return False
     force_x = force_y = s_xx = s_xy = s_yy = 0.0
     for i, wheel in enumerate(wheels):
@@ -121,7 +122,7 @@ def _acceleration(law: Constants, memory: Memory, motion: Motion) -> Pair:
 def failed_brake(memory: Memory, pedal: float) -> int:
     """Return the wheel whose brake has failed, or NO_WHEEL; without pedal, delete the evidence."""
     if pedal <= 0.0:
-        memory.wheel["lost"][:] = 0.0
+        memory.wheel["lost"][:] = memory.body[0].pushed = 0.0
     # The hypothesis that all brakes work has the ratio 1.
     lost, total = memory.wheel["lost"], 1.0 + math.exp(memory.body[0].pushed)
     for value in lost:

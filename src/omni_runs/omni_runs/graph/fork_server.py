@@ -1,9 +1,10 @@
 """Start of nodes as forks of a process that has already imported their modules.
 
 The imports take half a second of CPU time in each node. The fork server of `multiprocessing`
-imports the modules of all nodes once, and forks itself for every start of a node. A forked node has
-its own process group, arguments, environment and streams, and ``ps -e`` and ``pgrep`` show the name
-of its executable. Executables that are not nodes of this workspace are started as new programs.
+imports the modules of the usual nodes once, and forks itself for every start of a node. A forked
+node has its own process group, arguments, environment and streams, and ``ps -e`` and ``pgrep`` show
+the name of its executable. Executables that are not nodes of this workspace are started as new
+programs.
 """
 
 import contextlib
@@ -92,9 +93,9 @@ class Worker:
         The function and its result are pickled. An error of the function that is in `_REPORTED` is
         raised again when the result is awaited; any other error is printed.
         """
-        number = next(self._numbers)
         with contextlib.suppress(BrokenPipeError):  # the process has ended; see below
             self._connection.send(function)
+        number = next(self._numbers)
 
         def result() -> _T:
             while len(self._results) <= number:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import closing
+from contextlib import closing, suppress
 from functools import cache, partial
 from importlib import import_module
 from itertools import islice
@@ -179,7 +179,8 @@ def _run_variants(
                     write_summary(_document(options.experiment, [result]), result.folder)
                     results[result.variant] = result
         except (InputError, WorkError) as error:
-            note()
+            with suppress(WorkError):  # the remarks matter less than this error
+                note()
             raise WorkError("\n".join((str(error), *_left_behind(folder)))) from error
     return [results[variant] for variant in configurations]
 

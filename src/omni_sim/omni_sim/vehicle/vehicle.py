@@ -205,7 +205,10 @@ class Vehicle:
             force: force along the ground, in the world frame [N], shape (2,).
             moment: moment about the vertical axis [N m].
         """
-        self._force, self._moment = _finite("force", force, (2,)), float(moment)
+        self._force, self._moment = (
+            _finite("force", force, (2,)),
+            float(_finite("moment", moment, ())),
+        )
 
     def drive_speeds(self, twist: ArrayLike) -> quantities.FloatArray:
         """Return the wheel speeds that the drive commands for a body twist, Eqs. (28), (32).

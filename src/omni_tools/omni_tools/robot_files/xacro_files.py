@@ -22,7 +22,9 @@ from omni_core.plugins import import_optional
 _SPECIAL = re.compile(r"_|(gi|cr|ag|tb|co)_|f_(back|builtins|code|globals|locals)$")
 _REFLECTION = ("vars", "type")
 _FIND = re.compile(r"\$\(find\s+([^)\s]+)\s*\)|find\('([^']+)'\)|package://([\w-]+)/")
-_ARGUMENT = re.compile(r"<xacro:arg\b[^>]*?\bname\s*=\s*[\"']([\w-]+)|\$\(arg\s+([\w-]+)")
+_ARGUMENT = re.compile(
+    r"<xacro:arg\b[^>]*?\bname\s*=\s*[\"']([\w-]+)|\$\(arg\s+([\w-]+)|xacro\.arg\(['\"]([\w-]+)"
+)
 _MISSING = re.compile(r"[Pp]ackage '?([\w-]+)'? not found")
 _ABSENT = "/absent"  # folder that stands for those of missing packages
 _NO_FILE = re.compile(r"No such file or directory: '?([^']+?)(?:'|$)")
