@@ -23,7 +23,13 @@ BLIND = "imu.enabled=false"
 
 
 def stop(
-    law: str, onset: float, channels: tuple[str, ...], kind: str, size: float, *changes: str
+    law: str,
+    onset: float,
+    channels: tuple[str, ...],
+    kind: str,
+    size: float,
+    *changes: str,
+    duration: float = DURATION,
 ) -> list[tuple[float, AssistState]]:
     """Return the states from a fault of the first axis of channels on, with times after its end.
 
@@ -34,19 +40,20 @@ def stop(
         kind: kind of the fault.
         size: amplitude of the fault in the units of the channels.
         changes: further changes of the experiment.
+        duration: duration of the fault [s].
     """
     own = (*WITHOUT_CAMERAS, *LAWS[law], "brake_assist.fault_detection=true", *changes)
     base = LIBRARY.load("straight_line", "assisted", own)
     time = base.maneuver.brake_time + onset
     axis = 0 if kind == "offset" else -1
-    one = FaultConfiguration(channel="twist", kind=kind, axis=axis, time=time, duration=DURATION)
+    one = FaultConfiguration(channel="twist", kind=kind, axis=axis, time=time, duration=duration)
     one = dataclasses.replace(one, amplitude=size)
     faults = {name: dataclasses.replace(one, channel=name) for name in channels}
     run = run_fast_loop(dataclasses.replace(base, faults=faults))
-    since = np.round(1e-9 * run.stamp_ns - time - DURATION, 6)
+    since = np.round(1e-9 * run.stamp_ns - time - duration, 6)
     return [
         (float(since[k]), CONDITIONS[run.condition[k]].state)
-        for k in np.flatnonzero(since >= -DURATION)
+        for k in np.flatnonzero(since >= -duration)
     ]
 
 
@@ -101,6 +108,14 @@ def test_a_twist_that_is_plausible_again_is_used(law: str, onset: float, within:
 def test_wheel_speeds_that_return_are_used(onset: float, within: float) -> None:
     states = stop("allocation", onset, ("encoder",), "drop_out", 0.0)
     assert end_of(AssistState.NO_RELEASE, states) <= within
+
+
+@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize("channels", [("accelerometer",), ("accelerometer", "gyro")])
+def test_without_an_imu_a_healthy_twist_is_used(law: str, channels: tuple[str, ...]) -> None:
+    states = {state for _, state in stop(law, 0.2, channels, "drop_out", 0.0, duration=10.0)}
+    assert AssistState.ASSISTING in states
+    assert not states & {AssistState.CONTRADICTED_FEEDBACK, AssistState.DEAD_RECKONING}
 
 
 @pytest.mark.safety(
