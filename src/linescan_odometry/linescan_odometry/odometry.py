@@ -147,7 +147,10 @@ class LineScanOdometry:
             self._stamp_ns = max(batch.stamp_ns for batch in batches.values())
         readings = {name: self._read(name, lines.get(name)) for name in self._sensors}
         measured = {name: self._read_flow(name, flows.get(name)) for name in self._flows}
-        readings |= self._views.stopped(self._stamp_ns, readings)
+        covered = self._views.stopped(self._stamp_ns, readings)
+        for name in covered:
+            self._sensors[name].discard()
+        readings |= covered
         if self._configuration.is_steered:
             readings |= self._turn(readings, steering or {})
         return self._estimate(readings, measured)

@@ -39,6 +39,10 @@ class Plausibility:
         self._displacement = 0.0
         self._stamp_ns: float | None = None
 
+    def reset(self) -> None:
+        """Discard the last measurement; every displacement is plausible until the next one."""
+        self._stamp_ns = None
+
     def mark(self, stamp_ns: int, pairs: PairDisplacements) -> int:
         """Mark implausible displacements as unusable, and return their number.
 

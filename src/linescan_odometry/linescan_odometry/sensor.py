@@ -216,6 +216,10 @@ class SensorOdometry:
         method = self._method
         return method.pattern if isinstance(method, JointEstimator) else None
 
+    def discard(self) -> None:
+        """Discard the last measurement, because the view was covered."""
+        self._plausibility.reset()
+
     def update(self, batch: LineBatch) -> SensorReading:
         """Return the mean velocity over a batch; this method never raises an exception."""
         return self.begin(batch)()
