@@ -182,12 +182,13 @@ class Robot:
 
     def _keep_connected(self) -> None:
         """Keep the links below the root of most links, and their joints."""
+        both = {n: {one.parent, one.child} for n, one in self.joints.items()}
+        self.joints = {n: one for n, one in self.joints.items() if both[n] <= self.links.keys()}
         self.parents = {joint.child: joint for joint in self.joints.values()}
         roots = {name: [name, *(one.parent for one in self.chain(name))][-1] for name in self.links}
         ((largest, _),) = Counter(roots.values()).most_common(1)
         self.links = {name: one for name, one in self.links.items() if roots[name] == largest}
-        both = {n: {one.parent, one.child} for n, one in self.joints.items()}
-        self.joints = {n: one for n, one in self.joints.items() if both[n] <= self.links.keys()}
+        self.joints = {n: one for n, one in self.joints.items() if one.child in self.links}
         self.parents = {}
 
     def _root(self) -> str:

@@ -655,8 +655,11 @@ def test_a_missing_package_can_be_left_out(tmp_path: Path) -> None:
     found = described_vehicle([str(main)], skip_missing=True)
     assert len(found.wheels) == 4
     assert any("lidar_description is left out" in one for one in found.questions)
-    held = joint("mast", "lidar_mount", "mast", "0 0 1", kind="fixed")
-    main.write_text(main.read_text().replace("</robot>", f"{held}{link('mast', mass=1.0)}</robot>"))
+    held = "".join(  # more links than the vehicle has
+        joint(name, "lidar_mount", name, "0 0 1", kind="fixed") + link(name, mass=1.0)
+        for name in map("mast_{}".format, range(8))
+    )
+    main.write_text(main.read_text().replace("</robot>", f"{held}</robot>"))
     assert described_vehicle([str(main)], skip_missing=True).mass == found.mass
     folder = '<xacro:arg name="meshes" default="$(find robot_meshes)/meshes"/>'
     main.write_text(main.read_text().replace("</robot>", f"{folder}</robot>"))
