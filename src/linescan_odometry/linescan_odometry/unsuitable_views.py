@@ -41,9 +41,8 @@ _GAP_NS = 50_000_000
 # independent slopes pass; above the second, the texture has one slope, like that of fibers.
 _ORDINARY = 0.25
 _OBLIQUE = 0.5
-_WIDEST = (
-    0.5  # m/s, standard deviation; a texture of unknown slope confirms no other camera above it
-)
+# m/s, standard deviation; a texture of unknown slope confirms no other camera above it
+_WIDEST = 0.5
 _SLOWEST = 0.03  # m/s across the axis; at lower speeds, oblique texture causes no significant error
 
 
@@ -101,7 +100,7 @@ class UnsuitableViews:
         # An unknown slope of the texture falsifies the velocity, but a view that shifted at this
         # velocity must change all the same.
         self._own = {name: math.sqrt(reading.variance) for name, reading in readings.items()}
-        static = {n: r for n, r in readings.items() if n in self._sensors and r.static_time > 0.0}
+        static = {n: r for n, r in readings.items() if n in self._sensors and _is_static(r)}
         for name in self._sensors.keys() & readings.keys() - static.keys():
             # Because of noise, a constant view is not recognized in every batch.
             if stamp_ns - self._static_ns.get(name, stamp_ns) > _GAP_NS:
@@ -189,8 +188,7 @@ class UnsuitableViews:
             across: velocity across the camera's axis [m/s].
         """
         texture = self._texture(stamp_ns, name, reading, across)
-        ordinary = texture is not None and not texture[1]
-        smallest = 1.0 / max(reading.features, 1.0) if ordinary else 1.0
+        smallest = 1.0 / max(reading.features, 1.0) if texture and not texture[1] else 1.0
         for decay in reading.decays:
             expected = self._expected(stamp_ns, name, decay, across)
             lost = 1.0 - expected
@@ -423,6 +421,12 @@ class UnsuitableViews:
             abs(across) * duration > _STILL_SHARE * sensor.width
             or abs(along) * duration > _STILL_PIXELS * sensor.pixel_pitch
         )
+
+
+def _is_static(reading: SensorReading) -> bool:
+    """Return whether the view of a camera does not change, and its texture does not leave it."""
+    time, kept = reading.static_time, [d for d in reading.decays if d.age <= reading.static_time]
+    return time > 0.0 and all(d.most + SIGNIFICANT * math.sqrt(d.variance) >= 1.0 for d in kept)
 
 
 def common_ground(path: float, blur: float) -> float:
