@@ -93,7 +93,7 @@ class Keyframe:
         if counts[0] < 2 or len(lines) < 4:
             self.reset()
             return ()
-        lines = lines.astype(np.float32)
+        lines = lines.astype(np.float32, copy=False)
         decays = [_within(lines, count, displacement, period, step) for count in counts]
         newest, duration = _average(lines, counts[-1], displacement, step), counts[-1] * period
         age, group = 1e-9 * (stamp_ns - self._stamp_ns), self._group

@@ -27,7 +27,6 @@ _STEP = np.dtype(
         ("no_effect", "?"),
         ("stuck", "?"),  # whether a reading has just not changed for `frozen_time`
         ("fault", "i8"),  # first fault present, a row of `conditions.CONDITIONS`
-        ("faulty", "?"),  # whether a fault applied all brakes in the last step
         ("assisting", "?"),  # False if the next step of the law is a first step, see `Motion.first`
         ("answer", "i8"),  # last return value of the law, such as ASSIST
         ("dead", "i8"),  # number of the wheel whose brake failed, counted from 1; 0 for none

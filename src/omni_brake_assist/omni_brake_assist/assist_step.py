@@ -320,7 +320,6 @@ def act(
     """
     outcome = _outcome(constants, memory, inputs, call, error, enable)
     step = memory.step[0]
-    step.faulty = conditions.INACTIVE < outcome < conditions.SLOW
     elapsed = float(max(since(inputs.now_ns, step.switched_ns), 0))
     step.switched_ns = inputs.now_ns
     if outcome >= conditions.REPLANNED:
