@@ -7,6 +7,7 @@ import json
 import re
 import signal
 import subprocess
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -106,16 +107,29 @@ def touch(browser: Chromium, kind: str, *points: tuple[int, int]) -> None:
     browser.call("Input.dispatchTouchEvent", type=kind, touchPoints=touches)
 
 
+def drag(browser: Chromium, start: tuple[int, int], end: tuple[int, int], expression: str) -> None:
+    """Hold a finger away from where it touched until an expression is true, then lift it.
+
+    A window that loses the focus lets go of all fingers, and then its user touches again.
+    """
+    deadline = time.monotonic() + PATIENCE
+    touch(browser, "touchStart", start)
+    touch(browser, "touchMove", end)
+    while not browser.run(expression):
+        assert time.monotonic() < deadline, (expression, browser.run("[state, ...fingers]"))
+        if browser.run("fingers.size === 0"):
+            touch(browser, "touchEnd")
+            touch(browser, "touchStart", start)
+        touch(browser, "touchMove", end)
+    touch(browser, "touchEnd")
+    assert browser.run("fingers.size === 0")
+
+
 def test_a_phone_moves_and_turns_by_touch() -> None:
     with drive_process() as process, page_of(process, 400) as browser:
-        touch(browser, "touchStart", (80, 200))
-        touch(browser, "touchMove", (80, 120))
-        browser.wait("state.twist[0] > 0.5 && Math.abs(state.twist[2]) < 0.05")
-        touch(browser, "touchEnd")
-        touch(browser, "touchStart", (320, 200))
-        touch(browser, "touchMove", (260, 200))
-        browser.wait("state.twist[2] > 0.3")
-        touch(browser, "touchEnd")
+        straight = "state.twist[0] > 0.5 && Math.abs(state.twist[2]) < 0.05"
+        drag(browser, (80, 200), (80, 120), straight)
+        drag(browser, (320, 200), (260, 200), "state.twist[2] > 0.3")
 
 
 def choose(browser: Chromium, kind: str, name: str) -> None:
