@@ -33,7 +33,9 @@ CORNERS = {
     "rear_right": (-1.0, -1.0),
     "rear_left": (-1.0, 1.0),
 }
-_JOINT = re.compile(r"(front|rear)_(left|right)_(?!.*state)(?!.*multiplier).*name")
+_JOINT = re.compile(r"(front|rear)_(left|right)_(?!.*state)(?!.*multiplier).*(name|joint)")
+# Section and name of a parameter; files of ROS 1 have no `ros__parameters`.
+_PARAMETER = re.compile(r"(.*?)/ros__parameters/(.+)|(/[^/]+)/(.+)")
 # Names of a quantity without the prefix `kinematics.`; those of the published controllers first.
 _NAMES = {
     "radius": ("wheels_radius", "wheel_radius"),
@@ -43,6 +45,9 @@ _NAMES = {
     "robot_radius": ("robot_radius",),
     "wheel_offset": ("wheel_offset",),
 }
+# Factor of a quantity whose own name, such as `wheels_radius`, has no factor of its own.
+_MULTIPLIERS = {"radius": "wheel_radius_multiplier"}
+_MULTIPLIERS |= dict.fromkeys(("sum", "wheelbase", "track"), "wheel_separation_multiplier")
 # Difference of two values of the same length that is more than a rounding to three digits [1].
 DIFFERENT = 0.01
 FARTHEST = 10.0  # distance of a wheel from the center of all wheels [m]
@@ -156,8 +161,8 @@ def read_controllers(path: Path) -> list[Controller]:
     """
     sections: dict[str, dict[str, Any]] = {}
     for key, value in _flat(read_mapping(path, "--from")):
-        section, is_parameter, parameter = key.partition("/ros__parameters/")
-        if is_parameter:
+        if found := _PARAMETER.fullmatch(key):
+            section, parameter = filter(None, found.groups())
             sections.setdefault(section, {})[parameter.replace("/", ".")] = value
     nodes: dict[str, dict[str, Any]] = {}
     for section, values in sections.items():
@@ -172,19 +177,19 @@ def read_controllers(path: Path) -> list[Controller]:
         for key, value in values.items()
         if key.endswith(".type")
     }
-    found = []
+    controllers = []
     for node, named in nodes.items():
         name = node.rpartition("/")[2]
         values = {
             re.sub("^back_", "rear_", key.removeprefix("kinematics.")): value
             for key, value in named.items()
         }
-        kind = _kind(types.get(name, ""), values)
+        kind = _kind(types.get(name, str(values.get("type", ""))), values)
         if kind == OMNI and types.get(name, CLASSES[OMNI]) == CLASSES[OMNI]:
             values.setdefault("wheel_offset", 0.0)
         if kind:
-            found.append(_controller(f"{name} ({path.name})", kind, values))
-    return found
+            controllers.append(_controller(f"{name} ({path.name})", kind, values))
+    return controllers
 
 
 def _flat(tree: Mapping[str, Any], above: str = "") -> Iterator[tuple[str, Any]]:
@@ -208,8 +213,12 @@ def _controller(name: str, kind: str, values: Mapping[str, Any]) -> Controller:
     def number(key: str, usual: float | None = None) -> float:
         return _number(values, key, name, usual)
 
+    def length(quantity: str, key: str) -> float:
+        own = f"{key}_multiplier"
+        return number(key) * number(own if own in values else _MULTIPLIERS.get(quantity, own), 1.0)
+
     lengths = {
-        quantity: number(key) * number(f"{key}_multiplier", 1.0)
+        quantity: length(quantity, key)
         for quantity, names in _NAMES.items()
         for key in [one for one in names if one in values][:1]
     }

@@ -72,6 +72,8 @@ def describe(
     wheels = described_wheels(robot, controller, kind)
     found = Described()
     found.kind = _kind(found, wheels, controller, kind)
+    if found.kind == OMNI:
+        wheels = _outward(robot, wheels)
     _place_wheels(found, robot.file, wheels, controller, radius)
     steering = possibly_steering(robot, wheels)
     if steering and kind is None and _are_parallel(wheels):
@@ -172,6 +174,16 @@ def _arms(wheels: Wheels) -> FloatArray:
     return np.array(
         [turned(one.place[:2] - center, -math.radians(one.heading_deg)) for one in wheels]
     )
+
+
+def _outward(robot: Robot, wheels: Wheels) -> Wheels:
+    """Return the wheels; axles on fixed joints, which give no sign, point away from the center."""
+    return [
+        wheel._replace(heading_deg=wrapped(wheel.heading_deg + 180.0))
+        if left < 0.0 and robot.joints[wheel.joint].kind == "fixed"
+        else wheel
+        for wheel, left in zip(wheels, _arms(wheels)[:, 1], strict=True)
+    ]
 
 
 def _place_wheels(

@@ -27,7 +27,7 @@ _ARGUMENT = re.compile(
 )
 _MISSING = re.compile(r"[Pp]ackage '?([\w-]+)'? not found")
 _ABSENT = "/absent"  # folder that stands for those of missing packages
-_NO_FILE = re.compile(r"No such file or directory: '?([^']+?)(?:'|$)")
+_NO_FILE = re.compile(r"No such file or directory: '([^']+)'")
 _LEVELS = 3  # folders above a package in which its sibling packages are looked for
 _REMEDY = "on the robot, xacro FILE > robot.urdf writes a file that needs no other"
 
@@ -87,6 +87,11 @@ def _expanded(xacro: Any, path: Path, arguments: Mapping[str, str]) -> str:
     except Exception as error:  # xacro passes on every error of an evaluated expression
         problem = _reason(error)
     place = Path((xacro.filestack or [path])[-1])
+    if problem.endswith(" has no value"):
+        values = xacro.substitution_args_context["arg"]
+        used = [name for names in _ARGUMENT.findall(_text(place)) for name in names[1:] if name]
+        lacking = dict.fromkeys(f"{name}:=VALUE" for name in used if name not in values)
+        problem += f"; give {' '.join(lacking)}"
     raise ConfigurationError("--from", f"{place}: {problem}; {_REMEDY}") from None
 
 
@@ -101,7 +106,7 @@ def _reason(error: Exception) -> str:
     if found := _NO_FILE.search(text):
         return f"lacks the file {Path(found[1]).resolve()}"
     if found := re.search(r"Undefined substitution argument (\S+)", text):
-        return f"the argument {found[1]} has no value; give {found[1]}:=VALUE"
+        return f"the argument {found[1]} has no value"
     if found := re.search(r"name '(\w+)' is not defined", text):
         return f"the property {found[1]} is not defined ({text})"
     return text

@@ -242,6 +242,49 @@ def test_the_chassis_around_three_wheels_has_its_middle_between_them(described: 
     assert found.measured["length"] == pytest.approx(2.0 * (0.13 + 0.05))
 
 
+def test_the_middle_of_the_masses_is_known_without_a_radius(described: Write) -> None:
+    found = described(omni_urdf().replace('xyz="0 0 0"/><mass', 'xyz="0.1 0.02 0"/><mass', 1))
+    assert found.radii == []
+    # Wheels of 0.1 kg about base_link, whose 2 kg are at (0.1, 0.02) m; no height above a ground.
+    assert found.body["x"] == pytest.approx(2.0 * 0.1 / 2.3, rel=1e-4)
+    assert found.body["y"] == pytest.approx(2.0 * 0.02 / 2.3, rel=1e-4)
+    assert "height" not in found.body
+
+
+@pytest.mark.parametrize(("inertia", "possible"), [(2.0, True), (6.0, False)])
+def test_a_chassis_of_unknown_size_may_be_larger_than_the_wheels_are_apart(
+    inertia: float, possible: bool, described: Write
+) -> None:
+    urdf = mecanum_urdf().replace('<box size="0.5 0.2 0.1"/>', '<mesh filename="body.stl"/>')
+    found = described(urdf.replace('izz="0.3"', f'izz="{inertia}"'))
+    assert (found.yaw_inertia is not None) == possible
+    assert any("body.yaw_inertia" in one for one in found.contradictions) != possible
+
+
+@pytest.mark.parametrize(
+    ("name", "is_one"),
+    [
+        ("ImuBaseGyroscope_frame", True),
+        ("robotimu_link", True),
+        ("base_IMU", True),
+        ("simulator_link", False),
+        ("SIMULATION", False),
+    ],
+)
+def test_an_imu_is_found_by_the_name_of_its_link(
+    name: str, is_one: bool, described: Write
+) -> None:
+    found = described(mecanum_urdf().replace("imu_link", name))
+    assert (found.imu is not None) == is_one
+    assert any("no link is an IMU" in one for one in found.questions) != is_one
+
+
+def test_axles_of_omni_wheels_on_fixed_joints_point_outward(described: Write) -> None:
+    found = described(omni_urdf().replace("continuous", "fixed"))
+    assert found.wheels == described(omni_urdf()).wheels
+    assert not any("turns the robot the other way" in one for one in found.questions)
+
+
 def test_a_file_without_a_known_controller_is_named(described: Write) -> None:
     found = described(mecanum_urdf(), "amcl: {ros__parameters: {alpha1: 0.2}}")
     assert any("controllers_0.yaml contains no known controller" in one for one in found.questions)
@@ -496,6 +539,7 @@ def test_only_a_camera_that_looks_down_is_a_ground_sensor(described: Write) -> N
     assert set(found.cameras) == {"ground_camera"}
     assert found.cameras["ground_camera"]["x"] == pytest.approx(0.1)
     assert any("no view of the ground: front_camera" in one for one in found.questions)
+    assert any("ground_camera look at the ground: do they" in one for one in found.questions)
 
 
 def run(tmp_path: Path, *words: str, **options: Any) -> dict[str, Any]:
@@ -619,9 +663,10 @@ def test_xacro_finds_files_that_a_package_installs_elsewhere(tmp_path: Path) -> 
     ("change", "words"),
     [
         (("find wheels_description", "find other_package"), "the package other_package is not in"),
-        (("wheel.xacro", "lost.xacro"), "lacks the file .*/lost.xacro"),
+        (("wheel.xacro", "lost.xacro"), "lacks the file [^ ]*/lost.xacro; on the robot"),
         (("${track / 2}", "${trak / 2}"), "the property trak is not defined"),
         (('<xacro:arg name="track" default="0.3"/>', ""), "track has no value; give track:=VALUE"),
+        (("${track / 2}", "$(arg a)$(arg b)"), "argument a has no value; give a:=VALUE b:=VALUE;"),
         (("<xacro:wheel", "<xacro:whel"), "unknown macro name: xacro:whel"),
         (("<xacro:wheel", "<xacro:wheel<"), "is not valid XML"),
         (("${track / 2}", "${(lambda: 0).__globals__}"), "repeat the command with --trust"),
@@ -655,6 +700,11 @@ def test_a_missing_package_can_be_left_out(tmp_path: Path) -> None:
     found = described_vehicle([str(main)], skip_missing=True)
     assert len(found.wheels) == 4
     assert any("lidar_description is left out" in one for one in found.questions)
+    text = main.read_text()
+    main.write_text(text.replace("</robot>", '<link name="${lidar_name}"/></robot>'))
+    with pytest.raises(ConfigurationError, match="lidar_name .* left out: lidar_description"):
+        described_vehicle([str(main)], skip_missing=True)
+    main.write_text(text)
     held = "".join(  # more links than the vehicle has
         joint(name, "lidar_mount", name, "0 0 1", kind="fixed") + link(name, mass=1.0)
         for name in map("mast_{}".format, range(8))
