@@ -194,9 +194,7 @@ ekf: {frequency: 50, odom0: /drive/odom}
 """
 
 
-@pytest.mark.parametrize(
-    "text", [PUBLISHED, FLAT, OTHER_NAMES, OLDER_NAMES, COMMON_FACTORS, ROS_1]
-)
+@pytest.mark.parametrize("text", [PUBLISHED, FLAT, OTHER_NAMES, OLDER_NAMES, COMMON_FACTORS, ROS_1])
 def test_parameters_of_any_release_are_read(text: str, tmp_path: Path) -> None:
     path = tmp_path / "controllers.yaml"
     path.write_text(text)

@@ -271,9 +271,7 @@ def test_a_chassis_of_unknown_size_may_be_larger_than_the_wheels_are_apart(
         ("SIMULATION", False),
     ],
 )
-def test_an_imu_is_found_by_the_name_of_its_link(
-    name: str, is_one: bool, described: Write
-) -> None:
+def test_an_imu_is_found_by_the_name_of_its_link(name: str, is_one: bool, described: Write) -> None:
     found = described(mecanum_urdf().replace("imu_link", name))
     assert (found.imu is not None) == is_one
     assert any("no link is an IMU" in one for one in found.questions) != is_one
@@ -702,7 +700,7 @@ def test_a_missing_package_can_be_left_out(tmp_path: Path) -> None:
     assert any("lidar_description is left out" in one for one in found.questions)
     text = main.read_text()
     main.write_text(text.replace("</robot>", '<link name="${lidar_name}"/></robot>'))
-    with pytest.raises(ConfigurationError, match="lidar_name .* left out: lidar_description"):
+    with pytest.raises(ConfigurationError, match=r"lidar_name .* left out: lidar_description"):
         described_vehicle([str(main)], skip_missing=True)
     main.write_text(text)
     held = "".join(  # more links than the vehicle has
