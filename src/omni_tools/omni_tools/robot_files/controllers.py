@@ -42,7 +42,7 @@ _NAMES = {
     "sum": ("sum_of_robot_center_projection_on_X_Y_axis",),
     "wheelbase": ("wheel_separation_x", "wheel_base", "wheelbase"),
     "track": ("wheel_separation_y", "wheel_separation", "wheel_track", "track_width"),
-    "robot_radius": ("robot_radius",),
+    "robot_radius": ("robot_radius", "wheel_distance"),
     "wheel_offset": ("wheel_offset",),
 }
 # Factor of a quantity whose own name, such as `wheels_radius`, has no factor of its own.
@@ -181,7 +181,7 @@ def read_controllers(path: Path) -> list[Controller]:
     for node, named in nodes.items():
         name = node.rpartition("/")[2]
         values = {
-            re.sub("^back_", "rear_", key.removeprefix("kinematics.")): value
+            re.sub("^back_", "rear_", re.sub(r"^(kinematics\.|omni_)", "", key)): value
             for key, value in named.items()
         }
         kind = _kind(types.get(name, str(values.get("type", ""))), values)
@@ -202,7 +202,8 @@ def _flat(tree: Mapping[str, Any], above: str = "") -> Iterator[tuple[str, Any]]
 def _kind(declared: str, values: Mapping[str, Any]) -> str:
     """Return the kind of a drive controller; empty for any other node."""
     corners = len(list(filter(_JOINT.fullmatch, values)))
-    if declared == CLASSES[OMNI] or {"wheel_names", "robot_radius"} <= values.keys():
+    sized = "wheel_names" in values and any(one in values for one in _NAMES["robot_radius"])
+    if declared == CLASSES[OMNI] or sized:
         return OMNI
     if corners == len(CORNERS) or "mecanum" in declared.lower():
         return MECANUM

@@ -265,33 +265,25 @@ class Robot:
             Mass [kg]; center of gravity in the frame of the link `base` [m], shape (3,); moments of
             inertia about it along the axes of this frame [kg m^2], shape (3, 3).
         """
-        poses, parts = [self.pose(name) for name in links], [self.links[name] for name in links]
-        masses = np.array([one.mass for one in parts])
+        parts, poses = [self.links[name] for name in links], [self.pose(name) for name in links]
+        masses, turn = np.array([one.mass for one in parts]), np.array(poses)[:, :3, :3]
+        inertia = turn @ [one.inertia for one in parts] @ turn.transpose(0, 2, 1)
+        centers = np.einsum("nij,nj->ni", poses, [(*one.center, 1.0) for one in parts])[:, :3]
         mass = float(np.sum(masses))
-        centers = [
-            pose[:3, :3] @ one.center + pose[:3, 3] for pose, one in zip(poses, parts, strict=True)
-        ]
         center = masses @ centers / (mass or 1.0)
-        arms = np.array(centers) - center
+        arms = centers - center
         spread = arms.T @ (masses[:, np.newaxis] * arms)
-        own = [
-            pose[:3, :3] @ one.inertia @ pose[:3, :3].T
-            for pose, one in zip(poses, parts, strict=True)
-        ]
-        return mass, center, np.sum(own, axis=0) + np.trace(spread) * np.eye(3) - spread
+        return mass, center, np.sum(inertia, axis=0) + np.trace(spread) * np.eye(3) - spread
 
     def _link(self, element: ElementTree.Element) -> Link:
         name, inertial = element.get("name", ""), element.find("inertial")
-        mass, pose, inertia = 0.0, np.eye(4), np.zeros((3, 3))
-        if inertial is not None:
-            place = f"link {name!r}"
-            mass = float(self._numbers(inertial.find("mass"), "value", "0", 1, place)[0])
-            pose = self._pose(inertial.find("origin"), place)
-            if (tensor := inertial.find("inertia")) is not None:
-                for row, column in ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)):
-                    key = f"i{'xyz'[row]}{'xyz'[column]}"
-                    inertia[row, column] = self._numbers(tensor, key, "0", 1, place)[0]
-                    inertia[column, row] = inertia[row, column]
+        if inertial is None:
+            inertial = ElementTree.Element("inertial")
+        place = f"link {name!r}"
+        mass = float(self._numbers(inertial.find("mass"), "value", "0", 1, place)[0])
+        pose, tensor = self._pose(inertial.find("origin"), place), inertial.find("inertia")
+        keys = ("ixx", "ixy", "ixz", "ixy", "iyy", "iyz", "ixz", "iyz", "izz")
+        moments = [self._numbers(tensor, key, "0", 1, place) for key in keys]
         if mass < 0.0:
             raise self._wrong(f"has the mass {mass:g} kg in the link {name!r}")
         turn = pose[:3, :3]
@@ -301,7 +293,7 @@ class Robot:
             for one in element.findall(kind)
         ]
         known = tuple(shape for shape in shapes if shape is not None)
-        inertia = np.asarray(turn @ inertia @ turn.T)
+        inertia = np.asarray(turn @ np.reshape(moments, (3, 3)) @ turn.T)
         return Link(name, mass, pose[:3, 3], inertia, known, len(shapes) - len(known))
 
     def _shape(self, element: ElementTree.Element, of: str, link: str) -> Shape | None:
@@ -364,7 +356,7 @@ class Robot:
         return values
 
 
-def roll_pitch_yaw(pose: FloatArray) -> tuple[float, float, float]:
+def roll_pitch_yaw(pose: FloatArray) -> list[float]:
     """Return roll, pitch and yaw of a pose, as ``rpy`` of a joint but in deg.
 
     Args:
@@ -373,5 +365,4 @@ def roll_pitch_yaw(pose: FloatArray) -> tuple[float, float, float]:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # at a pitch of 90 deg, roll and yaw turn about one axis
         angles = Rotation.from_matrix(pose[:3, :3]).as_euler("xyz", degrees=True)
-    roll, pitch, yaw = (round(float(angle), 4) + 0.0 for angle in angles)
-    return roll, pitch, yaw
+    return [round(float(angle), 4) + 0.0 for angle in angles]

@@ -161,15 +161,20 @@ def test_wheels_may_have_other_names_than_their_rollers(described: Write) -> Non
     assert set(found.wheels) == {f"{name}_axle" for name in ("fl", "fr", "rl", "rr")}
 
 
+@pytest.mark.parametrize(
+    ("prefix", "distance"), [("", "robot_radius"), ("omni_", "omni_wheel_distance")]
+)
 def test_directions_of_an_unknown_controller_of_omni_wheels_are_not_assumed(
-    described: Write, tmp_path: Path
+    prefix: str, distance: str, described: Write, tmp_path: Path
 ) -> None:
-    controller = """
-controller_manager: {ros__parameters: {base: {type: other_controllers/OmniController}}}
+    controller = f"""
+controller_manager: {{ros__parameters: {{base: {{type: other_controllers/OmniController}}}}}}
 base:
-  ros__parameters: {wheel_names: [c, b, a], gamma: 30.0, robot_radius: 0.13, wheel_radius: 0.05}
+  ros__parameters:
+    {{{prefix}wheel_names: [c, b, a], gamma: 30.0, {distance}: 0.13, wheel_radius: 0.05}}
 """
     found = described(omni_urdf(), controller)
+    assert found.wheels["a"]["radius"] == 0.05
     headings = {name: wheel.get("heading_deg", 0.0) for name, wheel in found.wheels.items()}
     assert headings == {"a": -30.0, "b": 90.0, "c": -150.0}
     assert found.contradictions == []
@@ -409,10 +414,11 @@ def test_rollers_are_no_wheels(described: Write) -> None:
 
 
 def test_names_with_a_namespace_or_a_dash_are_matched(described: Write) -> None:
-    text = CONTROLLER.replace("_name: ", "_name: robot1/")
-    assert set(described(mecanum_urdf(), text).wheels) == {
-        f"{name}_joint" for name in ("fl", "fr", "rl", "rr")
-    }
+    for prefix in ("robot1/", "$(var prefix)"):
+        text = CONTROLLER.replace("_name: ", f"_name: {prefix}")
+        assert set(described(mecanum_urdf(), text).wheels) == {
+            f"{name}_joint" for name in ("fl", "fr", "rl", "rr")
+        }
     found = described(mecanum_urdf(name="{}-wheel"))
     assert set(found.wheels) == {f"{name}_wheel" for name in ("fl", "fr", "rl", "rr")}
     assert any("fl-wheel" in one for one in found.questions)
