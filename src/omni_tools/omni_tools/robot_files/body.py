@@ -26,15 +26,17 @@ _SPAN, _LARGEST_SPAN = 0.5, 2.0
 def ground_height(found: Described, robot: Robot, wheels: Wheels) -> float:
     """Return the height of the ground in base_link [m]; NaN if no radius is known."""
     radius = float(np.mean(found.radii or [math.nan]))
-    axle = float(np.mean([wheel.place[2] for wheel in wheels]))
+    places = np.array([wheel.place for wheel in wheels])
+    axle = float(np.mean(places[:, 2]))
     footprint = next((name for name in robot.links if name.endswith("footprint")), None)
     if footprint is not None:
         height = round(axle - float(robot.pose(footprint)[2, 3]), 6) + 0.0
         if math.isnan(radius):
-            found.questions.append(
-                f"the axles are {plain(height, 4)} m above {footprint}: is this the radius of the "
-                "wheels? (--wheel-radius)"
-            )
+            if 0.0 < height < np.max(np.ptp(places, axis=0)):  # wheels that fit between the axles
+                found.questions.append(
+                    f"the axles are {plain(height, 4)} m above {footprint}: is this the radius of "
+                    "the wheels? (--wheel-radius)"
+                )
         elif abs(height - radius) > DIFFERENT * radius + 1e-3:
             found.contradictions.append(
                 f"height of the axles: {plain(height, 4)} m above {footprint} in {robot.file}, but "
@@ -134,12 +136,14 @@ def measure_chassis(found: Described, robot: Robot, wheels: Wheels) -> None:
 
 def find_sensors(found: Described, robot: Robot) -> None:
     """Enter the IMU, and the cameras that look at the ground."""
-    imus = [name for name in robot.links if _IMU.search(name)]
+    rigid = robot.rigid(robot.base)
+    imus = [name for name in (*rigid, *robot.links) if _IMU.search(name)]
     if imus:
         poses = [robot.pose(name) for name in imus]
         found.imu = poses[0]
         if max(math.dist(pose[:2, 3], poses[0][:2, 3]) for pose in poses) > 1e-3:
-            found.contradictions.append(f"IMU: {', '.join(imus)}; used: {imus[0]}")
+            names = ", ".join(dict.fromkeys(imus))
+            found.contradictions.append(f"IMU: {names}; used: {imus[0]}")
     else:
         found.questions.append("no link is an IMU: is there one, and where? (imu_x, imu_y)")
     ahead = []
@@ -147,7 +151,7 @@ def find_sensors(found: Described, robot: Robot) -> None:
         if name in robot.parents and _CAMERA.search(robot.parents[name].parent):
             continue  # a further frame of the same camera
         pose = robot.pose(name)
-        if pose[2, 2 if "optical" in name else 0] < _DOWN:
+        if pose[2, 2 if "optical" in name else 0] < _DOWN and name in rigid:
             heading = wrapped(math.degrees(math.atan2(pose[1, 1], pose[0, 1])))
             x, y = (round(float(value), 6) + 0.0 for value in pose[:2, 3])
             found.cameras[INVALID.sub("_", name)] = {"x": x, "y": y, "heading_deg": heading}

@@ -8,6 +8,7 @@ those that need more than arithmetic, texts, lists and xacro's own functions are
 import ast
 import contextlib
 import importlib
+import io
 import re
 from collections.abc import Iterable, Mapping
 from pathlib import Path
@@ -58,7 +59,8 @@ def read_description(
     except ImportError:
         problem = f"{path} needs the package xacro: ./omni install xacro, or {_REMEDY}"
         raise ConfigurationError("--from", problem) from None
-    with contextlib.ExitStack() as restored:
+    # xacro warns of outdated functions and namespaces, which concern only the author of the file.
+    with contextlib.ExitStack() as restored, contextlib.redirect_stderr(io.StringIO()):
         guarded = _guarded(xacro, packages_around(path), trust, skipped)
         for (module, name), function in guarded.items():
             restored.callback(setattr, module, name, getattr(module, name))

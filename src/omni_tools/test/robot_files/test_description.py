@@ -282,6 +282,38 @@ def test_an_imu_is_found_by_the_name_of_its_link(name: str, is_one: bool, descri
     assert any("no link is an IMU" in one for one in found.questions) != is_one
 
 
+def test_an_imu_on_the_vehicle_is_used_rather_than_one_on_its_head(described: Write) -> None:
+    head = link("head_imu") + joint("neck", "base_link", "head_imu", "0 0 1", kind="revolute")
+    found = described(mecanum_urdf().replace("<link", f"{head}<link", 1))
+    assert found.imu is not None
+    assert found.imu[0, 3] == pytest.approx(0.1)
+    assert any(one.startswith("IMU: imu_link, head_imu; used: imu_link") for one in
+               found.contradictions)  # fmt: skip
+
+
+@pytest.mark.parametrize("height", [-0.01, 0.0, 0.5])
+def test_a_footprint_elsewhere_than_on_the_ground_gives_no_radius(
+    height: float, described: Write
+) -> None:
+    words = "is this the radius of the wheels?"
+    for above, asked in ((height, False), (0.05, True)):
+        urdf = re.sub(r"<cylinder [^>]*>", '<mesh filename="a.stl"/>', mecanum_urdf(height=above))
+        assert any(words in one for one in described(urdf).questions) == asked
+
+
+def test_a_radius_that_does_not_fit_between_the_axles_is_not_used(
+    described: Write, tmp_path: Path
+) -> None:
+    text = CONTROLLER.replace("0.05", "0.5")
+    found = described(mecanum_urdf(), text)
+    assert found.wheels["fl_joint"]["radius"] == 0.05
+    assert any("0.5 m in drive" in one and "used: collision" in one for one in found.contradictions)
+    with pytest.raises(ConfigurationError, match=r"radius of 0.5 m \(drive .* are 0.4 m apart"):
+        described_vehicle([str(tmp_path / "controllers_0.yaml")])
+    with pytest.raises(ConfigurationError, match=r"radius of 0.45 m \(--wheel-radius\)"):
+        described(mecanum_urdf(), text, radius=0.45)
+
+
 def test_axles_of_omni_wheels_on_fixed_joints_point_outward(described: Write) -> None:
     found = described(omni_urdf().replace("continuous", "fixed"))
     assert found.wheels == described(omni_urdf()).wheels
@@ -538,11 +570,13 @@ def test_only_a_camera_that_looks_down_is_a_ground_sensor(described: Write) -> N
     down = f"0 {math.pi / 2} 0"
     extra = joint("a", "base_link", "ground_camera", "0.1 0 0", rpy=down, kind="fixed")
     extra += joint("b", "base_link", "front_camera", "0.2 0 0", kind="fixed")
-    extra += link("ground_camera") + link("front_camera")
+    extra += joint("c", "base_link", "gimbal_camera", "0.2 0 0", rpy=down, kind="revolute")
+    extra += link("ground_camera") + link("front_camera") + link("gimbal_camera")
     found = described(mecanum_urdf(extra=extra))
     assert set(found.cameras) == {"ground_camera"}
     assert found.cameras["ground_camera"]["x"] == pytest.approx(0.1)
-    assert any("no view of the ground: front_camera" in one for one in found.questions)
+    words = "no view of the ground: front_camera, gimbal_camera;"
+    assert any(words in one for one in found.questions)
     assert any("ground_camera look at the ground: do they" in one for one in found.questions)
 
 
