@@ -376,9 +376,9 @@ def _usable(radii: Mapping[str, float], places: FloatArray, file: str) -> dict[s
         raise ConfigurationError("--from", f"{problem}; give meters")
     apart = float(np.max(np.ptp(places, axis=0)))
     usable = dict(sorted(radii.items(), key=lambda one: one[0] != _OPTION and one[1] >= apart))
-    for source, size in list(usable.items())[:1]:
-        if size >= apart:
-            problem = f"wheels of a radius of {plain(size)} m ({source}) do not fit on axles that"
-            remedy = "correct the files, or give --wheel-radius"
-            raise ConfigurationError("--from", f"{problem} are {plain(apart)} m apart; {remedy}")
+    source = next(iter(usable), "")
+    if (size := usable.get(source, 0.0)) >= apart:
+        problem = f"wheels of a radius of {plain(size)} m ({source}) do not fit on axles that"
+        remedy = "correct the files, or give --wheel-radius"
+        raise ConfigurationError("--from", f"{problem} are {plain(apart)} m apart; {remedy}")
     return usable
