@@ -105,12 +105,12 @@ class Controller(NamedTuple):
 
         Omni-wheels follow each other counter-clockwise, with radial axles.
         """
-        if self.kind == OMNI and self.wheel_offset is None:
-            return {}
-        first, step = 0.0, 0.0
+        first, step = -math.degrees(self.offset[2]), 0.0
         if self.wheel_offset is not None:
-            first, step = math.degrees(self.wheel_offset) - 90.0, 360.0 / len(self.joints)
-        first -= math.degrees(self.offset[2])
+            first += math.degrees(self.wheel_offset) - 90.0
+            step = 360.0 / len(self.joints)
+        elif self.kind == OMNI:
+            return {}
         return {
             joint: (wrapped(first + row * step), self.factors.get(key, 1.0))
             for row, (key, joint) in enumerate(self.joints.items())
@@ -171,12 +171,7 @@ def read_controllers(path: Path) -> list[Controller]:
         if any(str(known.get(key, value)) != str(value) for key, value in values.items()):  # NaN
             known = nodes.setdefault(section, {})
         known |= values
-    types = {
-        key.removesuffix(".type"): str(value)
-        for values in nodes.values()
-        for key, value in values.items()
-        if key.endswith(".type")
-    }
+    every = {key: value for values in nodes.values() for key, value in values.items()}
     controllers = []
     for node, named in nodes.items():
         name = node.rpartition("/")[2]
@@ -184,8 +179,9 @@ def read_controllers(path: Path) -> list[Controller]:
             re.sub("^back_", "rear_", re.sub(r"^(kinematics\.|omni_)", "", key)): value
             for key, value in named.items()
         }
-        kind = _kind(types.get(name, str(values.get("type", ""))), values)
-        if kind == OMNI and types.get(name, CLASSES[OMNI]) == CLASSES[OMNI]:
+        declared = str(every.get(f"{name}.type", values.get("type", "")))
+        kind = _kind(declared, values)
+        if kind == OMNI and declared in ("", CLASSES[OMNI]):
             values.setdefault("wheel_offset", 0.0)
         if kind:
             controllers.append(_controller(f"{name} ({path.name})", kind, values))
@@ -326,13 +322,10 @@ def _mecanum(geometry: PlatformGeometry) -> Controller | None:
     }
     if len(geometry.names) != len(CORNERS) or len(corners) != len(CORNERS):
         return None
-    span = np.ptp(places, axis=0)
-    return Controller(
-        *("", MECANUM, corners, float(geometry.radius[0])),
-        wheelbase=float(span[0]),
-        track=float(span[1]),
-        offset=(0.0 - float(center[0]), 0.0 - float(center[1]), theta + 0.0),
-    )
+    wheelbase, track = np.ptp(places, axis=0).tolist()
+    x, y = (0.0 - center).tolist()
+    radius, offset = float(geometry.radius[0]), (x, y, theta + 0.0)
+    return Controller("", MECANUM, corners, radius, {}, None, wheelbase, track, offset)
 
 
 def _omni(geometry: PlatformGeometry) -> Controller:
@@ -356,17 +349,12 @@ def controller_file(controller: Controller) -> str:
             "wheel_radius": controller.radius,
         }
     else:
-        offset = dict(zip(("x", "y", "theta"), controller.offset, strict=True))
-        values = {
-            **{
-                f"{corner}_wheel_command_joint_name": joint
-                for corner, joint in controller.joints.items()
-            },
-            "kinematics": {
-                "base_frame_offset": offset,
-                "wheels_radius": controller.radius,
-                "sum_of_robot_center_projection_on_X_Y_axis": controller.lever,
-            },
+        names = controller.joints.items()
+        values = {f"{corner}_wheel_command_joint_name": joint for corner, joint in names}
+        values["kinematics"] = {
+            "base_frame_offset": dict(zip(("x", "y", "theta"), controller.offset, strict=True)),
+            "wheels_radius": controller.radius,
+            "sum_of_robot_center_projection_on_X_Y_axis": controller.lever,
         }
     package = PACKAGES[controller.kind]
     return commented_yaml(

@@ -149,14 +149,16 @@ def _kind(
         return controller.kind
     arms = _arms(wheels)
     lever, distance = float(np.mean(np.abs(arms[:, 1]))), float(np.mean(np.hypot(*arms.T)))
-    kind, name, other, why = OMNI, "omni-wheels", MECANUM, "the axles are not parallel"
-    if parallel or lever < _LEVER * distance:
-        kind, name, other, why = MECANUM, "Mecanum wheels", OMNI, "the axles are parallel"
-    if kind == MECANUM and not parallel:
+    kind, other, why = OMNI, MECANUM, "the axles are not parallel"
+    if parallel:
+        kind, other, why = MECANUM, OMNI, "the axles are parallel"
+    elif lever < _LEVER * distance:
+        kind, other = MECANUM, OMNI
         why = (
             "the axes let the wheels roll past their center at a distance of only "
             f"{plain(lever, 2)} m, as axes of the rollers of Mecanum wheels would"
         )
+    name = {MECANUM: "Mecanum wheels", OMNI: "omni-wheels"}[kind]
     found.questions.append(
         f"{why}, so the wheels are taken as {name}: are they? (--kind {other} for others)"
     )
@@ -288,11 +290,8 @@ def _ask_about_directions(
         forward = {joint: heading for joint, (heading, _) in controller.assumed.items()}
     elif found.kind == MECANUM and _are_parallel(wheels):
         forward = {wheel.joint: 0.0 for wheel in wheels}
-    difference = {
-        wheel.joint: abs(wrapped(wheel.heading_deg - forward[wheel.joint]))
-        for wheel in wheels
-        if wheel.joint in forward
-    }
+    by_axis = {wheel.joint: wheel.heading_deg for wheel in wheels}
+    difference = {name: abs(wrapped(by_axis[name] - angle)) for name, angle in forward.items()}
     sense = np.sign(_arms(wheels)[:, 1]) * (found.kind == OMNI and controller is None)
     against = [w.joint for w, one in zip(wheels, sense, strict=True) if one * np.sum(sense) < 0.0]
     where = "base_link" if controller is None else controller.name

@@ -133,8 +133,7 @@ class Robot:
             self._keep_connected()
         self.driven = tuple(
             joint.get("name", "")
-            for joint in root.findall("ros2_control/joint")
-            if any(one.get("name") == "velocity" for one in joint.findall("command_interface"))
+            for joint in root.findall("ros2_control/joint/command_interface[@name='velocity']/..")
         )
         self.grips = {
             element.get("reference", ""): element
@@ -182,8 +181,8 @@ class Robot:
 
     def _keep_connected(self) -> None:
         """Keep the links below the root of most links, and their joints."""
-        both = {n: {one.parent, one.child} for n, one in self.joints.items()}
-        self.joints = {n: one for n, one in self.joints.items() if both[n] <= self.links.keys()}
+        links, joints = self.links.keys(), self.joints.items()
+        self.joints = {n: one for n, one in joints if {one.parent, one.child} <= links}
         self.parents = {joint.child: joint for joint in self.joints.values()}
         roots = {name: [name, *(one.parent for one in self.chain(name))][-1] for name in self.links}
         ((largest, _),) = Counter(roots.values()).most_common(1)
@@ -194,7 +193,10 @@ class Robot:
     def _root(self) -> str:
         """Enter the joint that holds each link, and return the link that none holds."""
         if not self.links:
-            raise self._wrong("has no links; give the file of the robot, which includes it")
+            problem = (
+                "has no links; give the file of the robot, which includes it, and the packages"
+            )
+            raise self._wrong(f"{problem} that it includes")
         for joint in self.joints.values():
             for link in (joint.parent, joint.child):
                 if link not in self.links:
@@ -312,17 +314,15 @@ class Robot:
     def _joint(self, element: ElementTree.Element) -> Joint:
         name = element.get("name", "")
         place = f"joint {name!r}"
-        ends = []
-        for key in ("parent", "child"):
-            found = element.find(key)
-            if found is None or not found.get("link"):
-                raise self._wrong(f"has no {key} link in the {place}")
-            ends.append(found.get("link", ""))
+        parent, child = (element.find(f"{key}[@link]") for key in ("parent", "child"))
+        if parent is None or child is None:
+            raise self._wrong(f"lacks the parent link or the child link of the {place}")
         axis = self._numbers(element.find("axis"), "xyz", "1 0 0", 3, place)
         length = float(np.linalg.norm(axis))
         axis = axis / length if length > 0.0 else axis
         pose = self._pose(element.find("origin"), place)
-        return Joint(name, element.get("type", ""), ends[0], ends[1], pose, axis)
+        ends = parent.attrib["link"], child.attrib["link"]
+        return Joint(name, element.get("type", ""), *ends, pose, axis)
 
     def _pose(self, element: ElementTree.Element | None, place: str) -> FloatArray:
         pose = np.eye(4)
@@ -348,11 +348,9 @@ class Robot:
             values = np.array([float(word) for word in text.split()])
         except ValueError:
             values = np.array([math.nan])
-        if not np.all(np.isfinite(values)):
-            raise self._wrong(f"has {text!r} in {key} of the {place}, which are not numbers")
-        if len(values) != count:
-            words = "one number" if count == 1 else f"{count} numbers"
-            raise self._wrong(f"must have {words} in {key} of the {place}")
+        if len(values) != count or not np.all(np.isfinite(values)):
+            words = "a number" if count == 1 else f"{count} numbers"
+            raise self._wrong(f"has {text!r} in {key} of the {place}, must be {words}")
         return values
 
 

@@ -65,10 +65,12 @@ def read_description(
         for (module, name), function in guarded.items():
             restored.callback(setattr, module, name, getattr(module, name))
             setattr(module, name, function)
-        return _expanded(xacro, path, arguments)
+        return _expanded(xacro, path, arguments, skipped)
 
 
-def _expanded(xacro: Any, path: Path, arguments: Mapping[str, str]) -> str:
+def _expanded(
+    xacro: Any, path: Path, arguments: Mapping[str, str], skipped: list[str] | None
+) -> str:
     try:
         document = xacro.process_file(str(path.resolve()), mappings=dict(arguments), verbosity=0)
         files = (path, *map(Path, xacro.all_includes))
@@ -94,6 +96,8 @@ def _expanded(xacro: Any, path: Path, arguments: Mapping[str, str]) -> str:
         used = [name for names in _ARGUMENT.findall(_text(place)) for name in names[1:] if name]
         lacking = dict.fromkeys(f"{name}:=VALUE" for name in used if name not in values)
         problem += f"; give {' '.join(lacking)}"
+    if skipped:
+        problem += f", or is in a package that is left out: {', '.join(dict.fromkeys(skipped))}"
     raise ConfigurationError("--from", f"{place}: {problem}; {_REMEDY}") from None
 
 
@@ -223,10 +227,9 @@ def packages_around(path: Path) -> dict[str, Path]:
     wanted = {name for text in texts for names in _FIND.findall(text) for name in names if name}
     for folder in parents:
         for package in wanted:
-            if folder.name == package:
-                found.setdefault(package, folder)
-            elif (folder / package).is_dir():
-                found.setdefault(package, folder / package)
+            for place in (folder, folder / package):
+                if place.name == package and place.is_dir():
+                    found.setdefault(package, place)
     return found
 
 

@@ -53,15 +53,8 @@ def described_vehicle(
     robot, skipped = None, list[str]()
     for path in descriptions:
         lacking = skipped if skip_missing else None
-        try:
-            text = read_description(path, arguments, trust, lacking)
-            robot = Robot(path.name, text, partial=bool(skipped))
-        except ConfigurationError as error:
-            if not skipped:
-                raise
-            packages = ", ".join(dict.fromkeys(skipped))
-            problem = f"{error.problem}; it may be in a package that is left out: {packages}"
-            raise ConfigurationError(error.key, problem) from None
+        text = read_description(path, arguments, trust, lacking)
+        robot = Robot(path.name, text, partial=bool(skipped))
     found = describe(robot, list(itertools.chain(*read.values())), kind, radius)
     found.questions += [
         f"the package {package} is left out: which masses, shapes and sensors does it add?"

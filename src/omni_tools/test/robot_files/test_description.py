@@ -481,7 +481,7 @@ def test_names_with_a_namespace_or_a_dash_are_matched(described: Write) -> None:
             mecanum_urdf().replace('radius="0.05"', 'radius="50"'),
             "looks like millimeters or inches",
         ),
-        (mecanum_urdf().replace('radius="0.05"', 'radius="wide"'), "which are not numbers"),
+        (mecanum_urdf().replace('radius="0.05"', 'radius="wide"'), "must be a number"),
         (f"<robot name='a'>{link('base_link')}</robot>", "has no wheels, must have three or more"),
     ],
 )
