@@ -57,8 +57,8 @@ class Case(NamedTuple):
     def named(self) -> bool:
         """Return whether the findings or a class contains the true cause."""
         found = self.findings()
-        keys = {cause.key for group in found.undecided for part in group for cause in part}
-        return self.cause in keys | set(found.certain)
+        undecided = [cause for group in found.undecided for part in group for cause in part]
+        return any(one.key == self.cause for one in (*found.mistakes, *found.remarks, *undecided))
 
 
 def mecanum(x: float, y: float, radius: float, middle: bool = False) -> Wheels:

@@ -62,11 +62,6 @@ class Findings(NamedTuple):
     predicted: FloatArray
 
     @property
-    def certain(self) -> frozenset[str]:
-        """Keys of all certain causes."""
-        return frozenset(cause.key for cause in (*self.mistakes, *self.remarks))
-
-    @property
     def uncertain(self) -> bool:
         """Whether an undecided alternative requires a change of the file or of the wiring."""
         every = (cause for group in self.undecided for one in group for cause in one)

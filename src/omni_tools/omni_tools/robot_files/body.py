@@ -13,37 +13,40 @@ from omni_tools.robot_files.described import INVALID, Described, rounded, some
 from omni_tools.robot_files.links import Robot
 from omni_tools.robot_files.wheels import Wheels
 
-_IMU = re.compile(r"(^|[/_])imu\d*($|[/_])", re.IGNORECASE)
+_IMU = re.compile(r"[Ii]mu(?![a-z])|(?<![A-Z])IMU")  # also ImuBase_frame, but no simulator
 _CAMERA = re.compile(r"cam(era)?\d*($|[/_])|line_?scan|flow|otos|pmw3901|paa5100", re.IGNORECASE)
 _LIGHTEST = 0.5  # smallest mass of a vehicle; less stands for an unknown mass [kg]
 _DENSEST = 4000.0  # largest plausible density of a wheel; half of that of steel [kg/m^3]
 _LOWEST = 0.5  # smallest plausible ratio of the center of gravity's height to a wheel radius [1]
 _DOWN = -0.7  # limit on the vertical part of the direction of view of a camera at the ground
-_SPAN = 0.5  # smallest plausible ratio of the chassis to the wheelbase, or to the track [1]
+# Plausible ratios of the chassis to the wheelbase, or to the track [1].
+_SPAN, _LARGEST_SPAN = 0.5, 2.0
 
 
-def ground_height(found: Described, robot: Robot, wheels: Wheels) -> float | None:
-    """Return the height of the ground in base_link [m]; None if no radius is known."""
-    radius = float(np.mean(found.radii)) if found.radii else None
-    axle = float(np.mean([wheel.place[2] for wheel in wheels]))
+def ground_height(found: Described, robot: Robot, wheels: Wheels) -> float:
+    """Return the height of the ground in base_link [m]; NaN if no radius is known."""
+    radius = float(np.mean(found.radii or [math.nan]))
+    places = np.array([wheel.place for wheel in wheels])
+    axle = float(np.mean(places[:, 2]))
     footprint = next((name for name in robot.links if name.endswith("footprint")), None)
     if footprint is not None:
         height = round(axle - float(robot.pose(footprint)[2, 3]), 6) + 0.0
-        if radius is None:
-            found.questions.append(
-                f"the axles are {plain(height, 4)} m above {footprint}: is this the radius of the "
-                "wheels? (--wheel-radius)"
-            )
+        if math.isnan(radius):
+            if 0.0 < height < np.max(np.ptp(places, axis=0)):  # wheels that fit between the axles
+                found.questions.append(
+                    f"the axles are {plain(height, 4)} m above {footprint}: is this the radius of "
+                    "the wheels? (--wheel-radius)"
+                )
         elif abs(height - radius) > DIFFERENT * radius + 1e-3:
             found.contradictions.append(
                 f"height of the axles: {plain(height, 4)} m above {footprint} in {robot.file}, but "
                 f"the radius is {plain(radius, 4)} m; used: the radius; measure the height of the "
                 "axle of the loaded wheel"
             )
-    return None if radius is None else axle - radius
+    return axle - radius
 
 
-def weigh(found: Described, robot: Robot, wheels: Wheels, ground: float | None) -> None:
+def weigh(found: Described, robot: Robot, wheels: Wheels, ground: float) -> None:
     """Enter mass, center of gravity and moments of inertia, summed over all links."""
     mass, center, inertia = robot.body(list(robot.links))
     lacking = [n for n, one in robot.links.items() if not one.mass and (one.shapes or one.meshes)]
@@ -59,22 +62,23 @@ def weigh(found: Described, robot: Robot, wheels: Wheels, ground: float | None) 
     found.mass = rounded(mass)
     source = f"sum over the links of {robot.file}"
     found.sources["body.mass"] = source
-    if ground is not None:
-        height, radius = float(center[2]) - ground, float(np.mean(found.radii))
-        found.sources |= dict.fromkeys(("body.x", "body.height"), source)
-        if height < _LOWEST * radius:
-            found.contradictions.append(
-                f"center of gravity: {plain(height)} m above the ground in {robot.file}, too "
-                f"low on wheels of a radius of {plain(radius)} m; used: an estimate; correct the "
-                "origins of the inertias"
-            )
-            height = math.nan
-            del found.sources["body.height"]
-        found.center = np.array((*center[:2], height))
+    height, radius = float(center[2]) - ground, max(found.radii, default=0.0)
+    found.sources |= dict.fromkeys(("body.x", "body.y", "body.height"), source)
+    if height < _LOWEST * radius:
+        found.contradictions.append(
+            f"center of gravity: {plain(height)} m above the ground in {robot.file}, too "
+            f"low on wheels of a radius of {plain(radius)} m; used: an estimate; correct the "
+            "origins of the inertias"
+        )
+        height = math.nan
+    if math.isnan(height):
+        del found.sources["body.height"]
+    found.center = np.array((*center[:2], height))
     reach = 0.5 * math.hypot(found.measured["length"], found.measured["width"])
+    if found.chassis is None:  # the size is that of the wheels' rectangle
+        reach *= _LARGEST_SPAN
     yaw = float(inertia[2, 2])
     found.yaw_inertia = _possible(found, "body.yaw_inertia", yaw, mass * reach**2, source)
-    radius = max(found.radii, default=0.0)
     own, of_wheel, width = np.mean([(w.inertia, w.mass, w.width) for w in wheels], axis=0).tolist()
     if of_wheel > (most := _DENSEST * math.pi * radius**2 * width) > 0.0:
         found.contradictions.append(
@@ -132,12 +136,14 @@ def measure_chassis(found: Described, robot: Robot, wheels: Wheels) -> None:
 
 def find_sensors(found: Described, robot: Robot) -> None:
     """Enter the IMU, and the cameras that look at the ground."""
-    imus = [name for name in robot.links if _IMU.search(name)]
+    rigid = robot.rigid(robot.base)
+    imus = [name for name in (*rigid, *robot.links) if _IMU.search(name)]
     if imus:
         poses = [robot.pose(name) for name in imus]
         found.imu = poses[0]
         if max(math.dist(pose[:2, 3], poses[0][:2, 3]) for pose in poses) > 1e-3:
-            found.contradictions.append(f"IMU: {', '.join(imus)}; used: {imus[0]}")
+            names = ", ".join(dict.fromkeys(imus))
+            found.contradictions.append(f"IMU: {names}; used: {imus[0]}")
     else:
         found.questions.append("no link is an IMU: is there one, and where? (imu_x, imu_y)")
     ahead = []
@@ -145,12 +151,17 @@ def find_sensors(found: Described, robot: Robot) -> None:
         if name in robot.parents and _CAMERA.search(robot.parents[name].parent):
             continue  # a further frame of the same camera
         pose = robot.pose(name)
-        if pose[2, 2 if "optical" in name else 0] < _DOWN:
+        if pose[2, 2 if "optical" in name else 0] < _DOWN and name in rigid:
             heading = wrapped(math.degrees(math.atan2(pose[1, 1], pose[0, 1])))
             x, y = (round(float(value), 6) + 0.0 for value in pose[:2, 3])
             found.cameras[INVALID.sub("_", name)] = {"x": x, "y": y, "heading_deg": heading}
         else:
             ahead.append(name)
+    if found.cameras:
+        found.questions.append(
+            f"by their axes, {some(list(found.cameras))} look at the ground: do they measure the "
+            "speed over it?"
+        )
     if ahead:
         found.questions.append(
             f"no view of the ground: {some(ahead)}; which sensor measures the speed over it?"

@@ -80,18 +80,12 @@ def _compare_lengths(found: Described, file: str, arms: FloatArray, controller: 
         controller: the controller.
     """
     wheelbase, track = np.ptp(arms, axis=0).tolist()
-    tuned = "measure it; a larger one of the controller may be tuned for slip in turns"
-    lengths = [
-        ("wheelbase", wheelbase, controller.wheelbase, tuned),
-        ("track", track, controller.track, tuned),
-        ("half of wheelbase plus track", 0.5 * (wheelbase + track), controller.sum, tuned),
-        (
-            "distance of the wheels from the center",
-            float(np.mean(np.hypot(*arms.T))),
-            controller.robot_radius,
-            "measure it",
-        ),
-    ]
-    for what, described, assumed, remedy in lengths:
+    remedy = "measure it; a larger one of the controller may be tuned for slip in turns"
+    for what, described, assumed in (
+        ("wheelbase", wheelbase, controller.wheelbase),
+        ("track", track, controller.track),
+        ("half of wheelbase plus track", 0.5 * (wheelbase + track), controller.sum),
+        ("mean distance from the center", np.hypot(*arms.T).mean(), controller.robot_radius),
+    ):
         if assumed is not None:
             found.differ(what, {file: described, controller.name: assumed}, file, remedy)

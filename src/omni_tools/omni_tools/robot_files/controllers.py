@@ -33,16 +33,21 @@ CORNERS = {
     "rear_right": (-1.0, -1.0),
     "rear_left": (-1.0, 1.0),
 }
-_JOINT = re.compile(r"(front|rear)_(left|right)_(?!.*state)(?!.*multiplier).*name")
+_JOINT = re.compile(r"(front|rear)_(left|right)_(?!.*state)(?!.*multiplier).*(name|joint)")
+# Section and name of a parameter; files of ROS 1 have no `ros__parameters`.
+_PARAMETER = re.compile(r"(.*?)/ros__parameters/(.+)|(/[^/]+)/(.+)")
 # Names of a quantity without the prefix `kinematics.`; those of the published controllers first.
 _NAMES = {
     "radius": ("wheels_radius", "wheel_radius"),
     "sum": ("sum_of_robot_center_projection_on_X_Y_axis",),
     "wheelbase": ("wheel_separation_x", "wheel_base", "wheelbase"),
     "track": ("wheel_separation_y", "wheel_separation", "wheel_track", "track_width"),
-    "robot_radius": ("robot_radius",),
+    "robot_radius": ("robot_radius", "wheel_distance"),
     "wheel_offset": ("wheel_offset",),
 }
+# Factor of a quantity whose own name, such as `wheels_radius`, has no factor of its own.
+_MULTIPLIERS = {"radius": "wheel_radius_multiplier"}
+_MULTIPLIERS |= dict.fromkeys(("sum", "wheelbase", "track"), "wheel_separation_multiplier")
 # Difference of two values of the same length that is more than a rounding to three digits [1].
 DIFFERENT = 0.01
 FARTHEST = 10.0  # distance of a wheel from the center of all wheels [m]
@@ -100,12 +105,12 @@ class Controller(NamedTuple):
 
         Omni-wheels follow each other counter-clockwise, with radial axles.
         """
-        if self.kind == OMNI and self.wheel_offset is None:
-            return {}
-        first, step = 0.0, 0.0
+        first, step = -math.degrees(self.offset[2]), 0.0
         if self.wheel_offset is not None:
-            first, step = math.degrees(self.wheel_offset) - 90.0, 360.0 / len(self.joints)
-        first -= math.degrees(self.offset[2])
+            first += math.degrees(self.wheel_offset) - 90.0
+            step = 360.0 / len(self.joints)
+        elif self.kind == OMNI:
+            return {}
         return {
             joint: (wrapped(first + row * step), self.factors.get(key, 1.0))
             for row, (key, joint) in enumerate(self.joints.items())
@@ -156,8 +161,8 @@ def read_controllers(path: Path) -> list[Controller]:
     """
     sections: dict[str, dict[str, Any]] = {}
     for key, value in _flat(read_mapping(path, "--from")):
-        section, is_parameter, parameter = key.partition("/ros__parameters/")
-        if is_parameter:
+        if found := _PARAMETER.fullmatch(key):
+            section, parameter = filter(None, found.groups())
             sections.setdefault(section, {})[parameter.replace("/", ".")] = value
     nodes: dict[str, dict[str, Any]] = {}
     for section, values in sections.items():
@@ -166,25 +171,21 @@ def read_controllers(path: Path) -> list[Controller]:
         if any(str(known.get(key, value)) != str(value) for key, value in values.items()):  # NaN
             known = nodes.setdefault(section, {})
         known |= values
-    types = {
-        key.removesuffix(".type"): str(value)
-        for values in nodes.values()
-        for key, value in values.items()
-        if key.endswith(".type")
-    }
-    found = []
+    every = {key: value for values in nodes.values() for key, value in values.items()}
+    controllers = []
     for node, named in nodes.items():
         name = node.rpartition("/")[2]
         values = {
-            re.sub("^back_", "rear_", key.removeprefix("kinematics.")): value
+            re.sub("^back_", "rear_", re.sub(r"^(kinematics\.|omni_)", "", key)): value
             for key, value in named.items()
         }
-        kind = _kind(types.get(name, ""), values)
-        if kind == OMNI and types.get(name, CLASSES[OMNI]) == CLASSES[OMNI]:
+        declared = str(every.get(f"{name}.type", values.get("type", "")))
+        kind = _kind(declared, values)
+        if kind == OMNI and declared in ("", CLASSES[OMNI]):
             values.setdefault("wheel_offset", 0.0)
         if kind:
-            found.append(_controller(f"{name} ({path.name})", kind, values))
-    return found
+            controllers.append(_controller(f"{name} ({path.name})", kind, values))
+    return controllers
 
 
 def _flat(tree: Mapping[str, Any], above: str = "") -> Iterator[tuple[str, Any]]:
@@ -197,7 +198,8 @@ def _flat(tree: Mapping[str, Any], above: str = "") -> Iterator[tuple[str, Any]]
 def _kind(declared: str, values: Mapping[str, Any]) -> str:
     """Return the kind of a drive controller; empty for any other node."""
     corners = len(list(filter(_JOINT.fullmatch, values)))
-    if declared == CLASSES[OMNI] or {"wheel_names", "robot_radius"} <= values.keys():
+    sized = "wheel_names" in values and any(one in values for one in _NAMES["robot_radius"])
+    if declared == CLASSES[OMNI] or sized:
         return OMNI
     if corners == len(CORNERS) or "mecanum" in declared.lower():
         return MECANUM
@@ -208,8 +210,12 @@ def _controller(name: str, kind: str, values: Mapping[str, Any]) -> Controller:
     def number(key: str, usual: float | None = None) -> float:
         return _number(values, key, name, usual)
 
+    def length(quantity: str, key: str) -> float:
+        own = f"{key}_multiplier"
+        return number(key) * number(own if own in values else _MULTIPLIERS.get(quantity, own), 1.0)
+
     lengths = {
-        quantity: number(key) * number(f"{key}_multiplier", 1.0)
+        quantity: length(quantity, key)
         for quantity, names in _NAMES.items()
         for key in [one for one in names if one in values][:1]
     }
@@ -316,13 +322,10 @@ def _mecanum(geometry: PlatformGeometry) -> Controller | None:
     }
     if len(geometry.names) != len(CORNERS) or len(corners) != len(CORNERS):
         return None
-    span = np.ptp(places, axis=0)
-    return Controller(
-        *("", MECANUM, corners, float(geometry.radius[0])),
-        wheelbase=float(span[0]),
-        track=float(span[1]),
-        offset=(0.0 - float(center[0]), 0.0 - float(center[1]), theta + 0.0),
-    )
+    wheelbase, track = np.ptp(places, axis=0).tolist()
+    x, y = (0.0 - center).tolist()
+    radius, offset = float(geometry.radius[0]), (x, y, theta + 0.0)
+    return Controller("", MECANUM, corners, radius, {}, None, wheelbase, track, offset)
 
 
 def _omni(geometry: PlatformGeometry) -> Controller:
@@ -346,17 +349,12 @@ def controller_file(controller: Controller) -> str:
             "wheel_radius": controller.radius,
         }
     else:
-        offset = dict(zip(("x", "y", "theta"), controller.offset, strict=True))
-        values = {
-            **{
-                f"{corner}_wheel_command_joint_name": joint
-                for corner, joint in controller.joints.items()
-            },
-            "kinematics": {
-                "base_frame_offset": offset,
-                "wheels_radius": controller.radius,
-                "sum_of_robot_center_projection_on_X_Y_axis": controller.lever,
-            },
+        names = controller.joints.items()
+        values = {f"{corner}_wheel_command_joint_name": joint for corner, joint in names}
+        values["kinematics"] = {
+            "base_frame_offset": dict(zip(("x", "y", "theta"), controller.offset, strict=True)),
+            "wheels_radius": controller.radius,
+            "sum_of_robot_center_projection_on_X_Y_axis": controller.lever,
         }
     package = PACKAGES[controller.kind]
     return commented_yaml(

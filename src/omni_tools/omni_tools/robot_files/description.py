@@ -1,8 +1,9 @@
 """Vehicle that the files of a robot describe, with their contradictions and gaps.
 
 If files contradict each other, all values are listed with the one that is used: positions are those
-of the joints, the radius is the controller's, and the rolling direction is the one that the
-controller assumes, because its odometry is right or wrong on the robot.
+of the joints, the radius is the controller's if such wheels fit between the axles, and the rolling
+direction is the one that the controller assumes, because its odometry is right or wrong on the
+robot.
 """
 
 from __future__ import annotations
@@ -37,6 +38,7 @@ from omni_tools.robot_files.wheels import (
 )
 
 _RADII = 1e-3, 1.0  # radii of omni-wheels in use [m]
+_OPTION = "--wheel-radius"
 _OBLIQUE = 10.0  # smallest angle of a Mecanum wheel's rollers from its axle and its plane [deg]
 _NEAR = 30.0  # limit on the angle between an axle and the direction across the motion [deg]
 _BESIDE = 0.01  # distance from the center of the wheels at which a wheel is on one side [m]
@@ -72,6 +74,8 @@ def describe(
     wheels = described_wheels(robot, controller, kind)
     found = Described()
     found.kind = _kind(found, wheels, controller, kind)
+    if found.kind == OMNI:
+        wheels = _outward(robot, wheels)
     _place_wheels(found, robot.file, wheels, controller, radius)
     steering = possibly_steering(robot, wheels)
     if steering and kind is None and _are_parallel(wheels):
@@ -104,14 +108,15 @@ def _of_controller(controller: Controller | None, radius: float | None) -> Descr
     if controller is None:
         problem = "the files contain neither a robot description nor a drive controller"
         raise ConfigurationError("--from", f"{problem}; add the URDF of the robot")
-    if known := radius or controller.radius:
-        _check_units({controller.name: known}, np.zeros(2), controller.name)
-    mounts = controller._replace(radius=radius or controller.radius).wheels()
+    known = radius or controller.radius
+    mounts = controller._replace(radius=known).wheels()
     if mounts is None:
         raise ConfigurationError(
             "--from",
             f"{controller.name} gives no position of a single wheel; add the URDF of the robot",
         )
+    places = np.array([(mount.x, mount.y) for mount in mounts.values()])
+    _usable({controller.name: known or 0.0}, places, controller.name)
     found = Described(kind=controller.kind)
     for name, mount in mounts.items():
         keys = ("x", "y", "heading_deg", "roller_angle_deg", "radius")
@@ -144,14 +149,16 @@ def _kind(
         return controller.kind
     arms = _arms(wheels)
     lever, distance = float(np.mean(np.abs(arms[:, 1]))), float(np.mean(np.hypot(*arms.T)))
-    kind, name, other, why = OMNI, "omni-wheels", MECANUM, "the axles are not parallel"
-    if parallel or lever < _LEVER * distance:
-        kind, name, other, why = MECANUM, "Mecanum wheels", OMNI, "the axles are parallel"
-    if kind == MECANUM and not parallel:
+    kind, other, why = OMNI, MECANUM, "the axles are not parallel"
+    if parallel:
+        kind, other, why = MECANUM, OMNI, "the axles are parallel"
+    elif lever < _LEVER * distance:
+        kind, other = MECANUM, OMNI
         why = (
             "the axes let the wheels roll past their center at a distance of only "
             f"{plain(lever, 2)} m, as axes of the rollers of Mecanum wheels would"
         )
+    name = {MECANUM: "Mecanum wheels", OMNI: "omni-wheels"}[kind]
     found.questions.append(
         f"{why}, so the wheels are taken as {name}: are they? (--kind {other} for others)"
     )
@@ -172,6 +179,16 @@ def _arms(wheels: Wheels) -> FloatArray:
     return np.array(
         [turned(one.place[:2] - center, -math.radians(one.heading_deg)) for one in wheels]
     )
+
+
+def _outward(robot: Robot, wheels: Wheels) -> Wheels:
+    """Return the wheels; axles on fixed joints, which give no sign, point away from the center."""
+    return [
+        wheel._replace(heading_deg=wrapped(wheel.heading_deg + 180.0))
+        if left < 0.0 and robot.joints[wheel.joint].kind == "fixed"
+        else wheel
+        for wheel, left in zip(wheels, _arms(wheels)[:, 1], strict=True)
+    ]
 
 
 def _place_wheels(
@@ -197,12 +214,12 @@ def _place_wheels(
         ahead, left = turned(wheel.place[:2] - center, -math.radians(heading))
         across = (ahead > 0.0) == (left > 0.0)  # front left and rear right
         values["roller_angle_deg"] = 0.0 if found.kind == OMNI else -45.0 if across else 45.0
-        radii = {"--wheel-radius": radius or 0.0}
+        radii = {_OPTION: radius or 0.0}
         if controller is not None:
             radii[controller.name] = (controller.radius or 0.0) * factor
         radii |= {f"{of} of {file}": size for of, size in wheel.radii.items()}
         radii = {source: size for source, size in radii.items() if size}
-        _check_units(radii, wheel.place[:2] - center, file)
+        radii = _usable(radii, np.array([one.place[:2] for one in wheels]), file)
         if radii:
             values["radius"] = next(iter(radii.values()))
             alike.setdefault(tuple(radii.items()), []).append(wheel.joint)
@@ -273,11 +290,8 @@ def _ask_about_directions(
         forward = {joint: heading for joint, (heading, _) in controller.assumed.items()}
     elif found.kind == MECANUM and _are_parallel(wheels):
         forward = {wheel.joint: 0.0 for wheel in wheels}
-    difference = {
-        wheel.joint: abs(wrapped(wheel.heading_deg - forward[wheel.joint]))
-        for wheel in wheels
-        if wheel.joint in forward
-    }
+    by_axis = {wheel.joint: wheel.heading_deg for wheel in wheels}
+    difference = {name: abs(wrapped(by_axis[name] - angle)) for name, angle in forward.items()}
     sense = np.sign(_arms(wheels)[:, 1]) * (found.kind == OMNI and controller is None)
     against = [w.joint for w, one in zip(wheels, sense, strict=True) if one * np.sum(sense) < 0.0]
     where = "base_link" if controller is None else controller.name
@@ -340,19 +354,30 @@ def _ask_about_names(found: Described, wheels: Wheels) -> None:
         )
 
 
-def _check_units(radii: Mapping[str, float], place: FloatArray, file: str) -> None:
-    """Raise `ConfigurationError` if a length is not that of a vehicle in meters.
+def _usable(radii: Mapping[str, float], places: FloatArray, file: str) -> dict[str, float]:
+    """Return the radii of a wheel; those that do not fit between the axles are the last ones.
 
     Args:
         radii: radii of a wheel [m], keyed by source.
-        place: position of the wheel from the center of all wheels [m], shape (2,).
+        places: positions of all N wheels [m], shape (N, 2).
         file: name of the robot description.
+
+    Raises:
+        ConfigurationError: a length is not that of a vehicle in meters, or no radius fits.
     """
     smallest, largest = _RADII
-    distance = float(np.linalg.norm(place))
+    distance = float(np.max(np.hypot(*(places - places.mean(axis=0)).T)))
     wrong = {f"radius of a wheel in {s}": r for s, r in radii.items() if not smallest < r < largest}
     if distance > FARTHEST:
         wrong[f"distance of a wheel from the center in {file}"] = distance
     for what, value in wrong.items():
         problem = f"the {what} is {plain(value)} m, which looks like millimeters or inches"
         raise ConfigurationError("--from", f"{problem}; give meters")
+    apart = float(np.max(np.ptp(places, axis=0)))
+    usable = dict(sorted(radii.items(), key=lambda one: one[0] != _OPTION and one[1] >= apart))
+    source = next(iter(usable), "")
+    if (size := usable.get(source, 0.0)) >= apart:
+        problem = f"wheels of a radius of {plain(size)} m ({source}) do not fit on axles that"
+        remedy = "correct the files, or give --wheel-radius"
+        raise ConfigurationError("--from", f"{problem} are {plain(apart)} m apart; {remedy}")
+    return usable

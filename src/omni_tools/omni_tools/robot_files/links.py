@@ -133,8 +133,7 @@ class Robot:
             self._keep_connected()
         self.driven = tuple(
             joint.get("name", "")
-            for joint in root.findall("ros2_control/joint")
-            if any(one.get("name") == "velocity" for one in joint.findall("command_interface"))
+            for joint in root.findall("ros2_control/joint/command_interface[@name='velocity']/..")
         )
         self.grips = {
             element.get("reference", ""): element
@@ -182,8 +181,8 @@ class Robot:
 
     def _keep_connected(self) -> None:
         """Keep the links below the root of most links, and their joints."""
-        both = {n: {one.parent, one.child} for n, one in self.joints.items()}
-        self.joints = {n: one for n, one in self.joints.items() if both[n] <= self.links.keys()}
+        links, joints = self.links.keys(), self.joints.items()
+        self.joints = {n: one for n, one in joints if {one.parent, one.child} <= links}
         self.parents = {joint.child: joint for joint in self.joints.values()}
         roots = {name: [name, *(one.parent for one in self.chain(name))][-1] for name in self.links}
         ((largest, _),) = Counter(roots.values()).most_common(1)
@@ -194,7 +193,10 @@ class Robot:
     def _root(self) -> str:
         """Enter the joint that holds each link, and return the link that none holds."""
         if not self.links:
-            raise self._wrong("has no links; give the file of the robot, which includes it")
+            problem = (
+                "has no links; give the file of the robot, which includes it, and the packages"
+            )
+            raise self._wrong(f"{problem} that it includes")
         for joint in self.joints.values():
             for link in (joint.parent, joint.child):
                 if link not in self.links:
@@ -265,33 +267,25 @@ class Robot:
             Mass [kg]; center of gravity in the frame of the link `base` [m], shape (3,); moments of
             inertia about it along the axes of this frame [kg m^2], shape (3, 3).
         """
-        poses, parts = [self.pose(name) for name in links], [self.links[name] for name in links]
-        masses = np.array([one.mass for one in parts])
+        parts, poses = [self.links[name] for name in links], [self.pose(name) for name in links]
+        masses, turn = np.array([one.mass for one in parts]), np.array(poses)[:, :3, :3]
+        inertia = turn @ [one.inertia for one in parts] @ turn.transpose(0, 2, 1)
+        centers = np.einsum("nij,nj->ni", poses, [(*one.center, 1.0) for one in parts])[:, :3]
         mass = float(np.sum(masses))
-        centers = [
-            pose[:3, :3] @ one.center + pose[:3, 3] for pose, one in zip(poses, parts, strict=True)
-        ]
         center = masses @ centers / (mass or 1.0)
-        arms = np.array(centers) - center
+        arms = centers - center
         spread = arms.T @ (masses[:, np.newaxis] * arms)
-        own = [
-            pose[:3, :3] @ one.inertia @ pose[:3, :3].T
-            for pose, one in zip(poses, parts, strict=True)
-        ]
-        return mass, center, np.sum(own, axis=0) + np.trace(spread) * np.eye(3) - spread
+        return mass, center, np.sum(inertia, axis=0) + np.trace(spread) * np.eye(3) - spread
 
     def _link(self, element: ElementTree.Element) -> Link:
         name, inertial = element.get("name", ""), element.find("inertial")
-        mass, pose, inertia = 0.0, np.eye(4), np.zeros((3, 3))
-        if inertial is not None:
-            place = f"link {name!r}"
-            mass = float(self._numbers(inertial.find("mass"), "value", "0", 1, place)[0])
-            pose = self._pose(inertial.find("origin"), place)
-            if (tensor := inertial.find("inertia")) is not None:
-                for row, column in ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)):
-                    key = f"i{'xyz'[row]}{'xyz'[column]}"
-                    inertia[row, column] = self._numbers(tensor, key, "0", 1, place)[0]
-                    inertia[column, row] = inertia[row, column]
+        if inertial is None:
+            inertial = ElementTree.Element("inertial")
+        place = f"link {name!r}"
+        mass = float(self._numbers(inertial.find("mass"), "value", "0", 1, place)[0])
+        pose, tensor = self._pose(inertial.find("origin"), place), inertial.find("inertia")
+        keys = ("ixx", "ixy", "ixz", "ixy", "iyy", "iyz", "ixz", "iyz", "izz")
+        moments = [self._numbers(tensor, key, "0", 1, place) for key in keys]
         if mass < 0.0:
             raise self._wrong(f"has the mass {mass:g} kg in the link {name!r}")
         turn = pose[:3, :3]
@@ -301,7 +295,7 @@ class Robot:
             for one in element.findall(kind)
         ]
         known = tuple(shape for shape in shapes if shape is not None)
-        inertia = np.asarray(turn @ inertia @ turn.T)
+        inertia = np.asarray(turn @ np.reshape(moments, (3, 3)) @ turn.T)
         return Link(name, mass, pose[:3, 3], inertia, known, len(shapes) - len(known))
 
     def _shape(self, element: ElementTree.Element, of: str, link: str) -> Shape | None:
@@ -320,17 +314,15 @@ class Robot:
     def _joint(self, element: ElementTree.Element) -> Joint:
         name = element.get("name", "")
         place = f"joint {name!r}"
-        ends = []
-        for key in ("parent", "child"):
-            found = element.find(key)
-            if found is None or not found.get("link"):
-                raise self._wrong(f"has no {key} link in the {place}")
-            ends.append(found.get("link", ""))
+        parent, child = (element.find(f"{key}[@link]") for key in ("parent", "child"))
+        if parent is None or child is None:
+            raise self._wrong(f"lacks the parent link or the child link of the {place}")
         axis = self._numbers(element.find("axis"), "xyz", "1 0 0", 3, place)
         length = float(np.linalg.norm(axis))
         axis = axis / length if length > 0.0 else axis
         pose = self._pose(element.find("origin"), place)
-        return Joint(name, element.get("type", ""), ends[0], ends[1], pose, axis)
+        ends = parent.attrib["link"], child.attrib["link"]
+        return Joint(name, element.get("type", ""), *ends, pose, axis)
 
     def _pose(self, element: ElementTree.Element | None, place: str) -> FloatArray:
         pose = np.eye(4)
@@ -356,15 +348,13 @@ class Robot:
             values = np.array([float(word) for word in text.split()])
         except ValueError:
             values = np.array([math.nan])
-        if not np.all(np.isfinite(values)):
-            raise self._wrong(f"has {text!r} in {key} of the {place}, which are not numbers")
-        if len(values) != count:
-            words = "one number" if count == 1 else f"{count} numbers"
-            raise self._wrong(f"must have {words} in {key} of the {place}")
+        if len(values) != count or not np.all(np.isfinite(values)):
+            words = "a number" if count == 1 else f"{count} numbers"
+            raise self._wrong(f"has {text!r} in {key} of the {place}, must be {words}")
         return values
 
 
-def roll_pitch_yaw(pose: FloatArray) -> tuple[float, float, float]:
+def roll_pitch_yaw(pose: FloatArray) -> list[float]:
     """Return roll, pitch and yaw of a pose, as ``rpy`` of a joint but in deg.
 
     Args:
@@ -373,5 +363,4 @@ def roll_pitch_yaw(pose: FloatArray) -> tuple[float, float, float]:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # at a pitch of 90 deg, roll and yaw turn about one axis
         angles = Rotation.from_matrix(pose[:3, :3]).as_euler("xyz", degrees=True)
-    roll, pitch, yaw = (round(float(angle), 4) + 0.0 for angle in angles)
-    return roll, pitch, yaw
+    return [round(float(angle), 4) + 0.0 for angle in angles]

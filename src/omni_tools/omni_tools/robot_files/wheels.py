@@ -73,14 +73,14 @@ def base_link(robot: Robot, controller: Controller | None) -> str:
 
 
 def matched(robot: Robot, controller: Controller) -> Controller:
-    """Return a controller with the joints' names of the robot, from which namespaces may differ.
+    """Return a controller with the joints' names of the robot, without namespaces and `$(var ...)`.
 
     Raises:
         ConfigurationError: a joint of the controller is missing.
     """
     names = {}
     for key, name in controller.joints.items():
-        short = re.split(r"[/>]", name)[-1]
+        short = re.split(r"[/>)}]", name)[-1]
         alike = [one for one in robot.joints if one == name] or [
             one for one in robot.joints if re.search(rf"(^|[/_>]){re.escape(short)}$", one)
         ]

@@ -8,6 +8,7 @@ those that need more than arithmetic, texts, lists and xacro's own functions are
 import ast
 import contextlib
 import importlib
+import io
 import re
 from collections.abc import Iterable, Mapping
 from pathlib import Path
@@ -27,7 +28,7 @@ _ARGUMENT = re.compile(
 )
 _MISSING = re.compile(r"[Pp]ackage '?([\w-]+)'? not found")
 _ABSENT = "/absent"  # folder that stands for those of missing packages
-_NO_FILE = re.compile(r"No such file or directory: '?([^']+?)(?:'|$)")
+_NO_FILE = re.compile(r"No such file or directory: '([^']+)'")
 _LEVELS = 3  # folders above a package in which its sibling packages are looked for
 _REMEDY = "on the robot, xacro FILE > robot.urdf writes a file that needs no other"
 
@@ -58,15 +59,18 @@ def read_description(
     except ImportError:
         problem = f"{path} needs the package xacro: ./omni install xacro, or {_REMEDY}"
         raise ConfigurationError("--from", problem) from None
-    with contextlib.ExitStack() as restored:
+    # xacro warns of outdated functions and namespaces, which concern only the author of the file.
+    with contextlib.ExitStack() as restored, contextlib.redirect_stderr(io.StringIO()):
         guarded = _guarded(xacro, packages_around(path), trust, skipped)
         for (module, name), function in guarded.items():
             restored.callback(setattr, module, name, getattr(module, name))
             setattr(module, name, function)
-        return _expanded(xacro, path, arguments)
+        return _expanded(xacro, path, arguments, skipped)
 
 
-def _expanded(xacro: Any, path: Path, arguments: Mapping[str, str]) -> str:
+def _expanded(
+    xacro: Any, path: Path, arguments: Mapping[str, str], skipped: list[str] | None
+) -> str:
     try:
         document = xacro.process_file(str(path.resolve()), mappings=dict(arguments), verbosity=0)
         files = (path, *map(Path, xacro.all_includes))
@@ -87,6 +91,13 @@ def _expanded(xacro: Any, path: Path, arguments: Mapping[str, str]) -> str:
     except Exception as error:  # xacro passes on every error of an evaluated expression
         problem = _reason(error)
     place = Path((xacro.filestack or [path])[-1])
+    if problem.endswith(" has no value"):
+        values = xacro.substitution_args_context["arg"]
+        used = [name for names in _ARGUMENT.findall(_text(place)) for name in names[1:] if name]
+        lacking = dict.fromkeys(f"{name}:=VALUE" for name in used if name not in values)
+        problem += f"; give {' '.join(lacking)}"
+    if skipped:
+        problem += f", or is in a package that is left out: {', '.join(dict.fromkeys(skipped))}"
     raise ConfigurationError("--from", f"{place}: {problem}; {_REMEDY}") from None
 
 
@@ -101,7 +112,7 @@ def _reason(error: Exception) -> str:
     if found := _NO_FILE.search(text):
         return f"lacks the file {Path(found[1]).resolve()}"
     if found := re.search(r"Undefined substitution argument (\S+)", text):
-        return f"the argument {found[1]} has no value; give {found[1]}:=VALUE"
+        return f"the argument {found[1]} has no value"
     if found := re.search(r"name '(\w+)' is not defined", text):
         return f"the property {found[1]} is not defined ({text})"
     return text
@@ -216,10 +227,9 @@ def packages_around(path: Path) -> dict[str, Path]:
     wanted = {name for text in texts for names in _FIND.findall(text) for name in names if name}
     for folder in parents:
         for package in wanted:
-            if folder.name == package:
-                found.setdefault(package, folder)
-            elif (folder / package).is_dir():
-                found.setdefault(package, folder / package)
+            for place in (folder, folder / package):
+                if place.name == package and place.is_dir():
+                    found.setdefault(package, place)
     return found
 
 

@@ -70,7 +70,12 @@ def run(options: Options, workspace: ExperimentWorkspace) -> Report:
     folder = make_folder(options.out)
     written = write_parameters(hardware, folder, warning, options.brakes)
     controller = controller_of(hardware.brake_assist.wheels)
-    if controller is not None:
+    if controller is None:
+        workspace.note(
+            f"no file for a controller: neither {' nor '.join(PACKAGES.values())} can move wheels "
+            "of these directions, radii and positions"
+        )
+    else:
         path = folder / f"{PACKAGES[controller.kind]}.yaml"
         written.append(write_text(path, controller_file(controller)))
     return Report(details={"files": list(map(str, written))}, text=map(str, written))

@@ -175,7 +175,26 @@ drive:
 """
 
 
-@pytest.mark.parametrize("text", [PUBLISHED, FLAT, OTHER_NAMES, OLDER_NAMES])
+COMMON_FACTORS = FLAT.replace("5e-2", "0.04").replace("0.35", "0.25") + (
+    "    wheel_radius_multiplier: 1.25\n    wheel_separation_multiplier: 1.4\n"
+)
+ROS_1 = """
+drive:
+  type: "mecanum_drive_controller/MecanumDriveController"
+  front_left_wheel_joint: fl
+  back_left_wheel_joint: rl
+  front_right_wheel_joint: fr
+  back_right_wheel_joint: rr
+  wheel_separation_x: 0.2
+  wheel_separation_y: 0.15
+  wheel_separation_multiplier: 2.0
+  wheel_radius: 0.05
+  linear: {x: {max_velocity: 1.1}}
+ekf: {frequency: 50, odom0: /drive/odom}
+"""
+
+
+@pytest.mark.parametrize("text", [PUBLISHED, FLAT, OTHER_NAMES, OLDER_NAMES, COMMON_FACTORS, ROS_1])
 def test_parameters_of_any_release_are_read(text: str, tmp_path: Path) -> None:
     path = tmp_path / "controllers.yaml"
     path.write_text(text)

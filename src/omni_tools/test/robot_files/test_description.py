@@ -161,15 +161,20 @@ def test_wheels_may_have_other_names_than_their_rollers(described: Write) -> Non
     assert set(found.wheels) == {f"{name}_axle" for name in ("fl", "fr", "rl", "rr")}
 
 
+@pytest.mark.parametrize(
+    ("prefix", "distance"), [("", "robot_radius"), ("omni_", "omni_wheel_distance")]
+)
 def test_directions_of_an_unknown_controller_of_omni_wheels_are_not_assumed(
-    described: Write, tmp_path: Path
+    prefix: str, distance: str, described: Write, tmp_path: Path
 ) -> None:
-    controller = """
-controller_manager: {ros__parameters: {base: {type: other_controllers/OmniController}}}
+    controller = f"""
+controller_manager: {{ros__parameters: {{base: {{type: other_controllers/OmniController}}}}}}
 base:
-  ros__parameters: {wheel_names: [c, b, a], gamma: 30.0, robot_radius: 0.13, wheel_radius: 0.05}
+  ros__parameters:
+    {{{prefix}wheel_names: [c, b, a], gamma: 30.0, {distance}: 0.13, wheel_radius: 0.05}}
 """
     found = described(omni_urdf(), controller)
+    assert found.wheels["a"]["radius"] == 0.05
     headings = {name: wheel.get("heading_deg", 0.0) for name, wheel in found.wheels.items()}
     assert headings == {"a": -30.0, "b": 90.0, "c": -150.0}
     assert found.contradictions == []
@@ -240,6 +245,79 @@ def test_the_chassis_around_three_wheels_has_its_middle_between_them(described: 
     found = described(omni_urdf(), radius=0.05)
     np.testing.assert_allclose(found.chassis_center, 0.0, atol=1e-6)
     assert found.measured["length"] == pytest.approx(2.0 * (0.13 + 0.05))
+
+
+def test_the_middle_of_the_masses_is_known_without_a_radius(described: Write) -> None:
+    found = described(omni_urdf().replace('xyz="0 0 0"/><mass', 'xyz="0.1 0.02 0"/><mass', 1))
+    assert found.radii == []
+    # Wheels of 0.1 kg about base_link, whose 2 kg are at (0.1, 0.02) m; no height above a ground.
+    assert found.body["x"] == pytest.approx(2.0 * 0.1 / 2.3, rel=1e-4)
+    assert found.body["y"] == pytest.approx(2.0 * 0.02 / 2.3, rel=1e-4)
+    assert "height" not in found.body
+
+
+@pytest.mark.parametrize(("inertia", "possible"), [(2.0, True), (6.0, False)])
+def test_a_chassis_of_unknown_size_may_be_larger_than_the_wheels_are_apart(
+    inertia: float, possible: bool, described: Write
+) -> None:
+    urdf = mecanum_urdf().replace('<box size="0.5 0.2 0.1"/>', '<mesh filename="body.stl"/>')
+    found = described(urdf.replace('izz="0.3"', f'izz="{inertia}"'))
+    assert (found.yaw_inertia is not None) == possible
+    assert any("body.yaw_inertia" in one for one in found.contradictions) != possible
+
+
+@pytest.mark.parametrize(
+    ("name", "is_one"),
+    [
+        ("ImuBaseGyroscope_frame", True),
+        ("robotimu_link", True),
+        ("base_IMU", True),
+        ("simulator_link", False),
+        ("SIMULATION", False),
+    ],
+)
+def test_an_imu_is_found_by_the_name_of_its_link(name: str, is_one: bool, described: Write) -> None:
+    found = described(mecanum_urdf().replace("imu_link", name))
+    assert (found.imu is not None) == is_one
+    assert any("no link is an IMU" in one for one in found.questions) != is_one
+
+
+def test_an_imu_on_the_vehicle_is_used_rather_than_one_on_its_head(described: Write) -> None:
+    head = link("head_imu") + joint("neck", "base_link", "head_imu", "0 0 1", kind="revolute")
+    found = described(mecanum_urdf().replace("<link", f"{head}<link", 1))
+    assert found.imu is not None
+    assert found.imu[0, 3] == pytest.approx(0.1)
+    assert any(one.startswith("IMU: imu_link, head_imu; used: imu_link") for one in
+               found.contradictions)  # fmt: skip
+
+
+@pytest.mark.parametrize("height", [-0.01, 0.0, 0.5])
+def test_a_footprint_elsewhere_than_on_the_ground_gives_no_radius(
+    height: float, described: Write
+) -> None:
+    words = "is this the radius of the wheels?"
+    for above, asked in ((height, False), (0.05, True)):
+        urdf = re.sub(r"<cylinder [^>]*>", '<mesh filename="a.stl"/>', mecanum_urdf(height=above))
+        assert any(words in one for one in described(urdf).questions) == asked
+
+
+def test_a_radius_that_does_not_fit_between_the_axles_is_not_used(
+    described: Write, tmp_path: Path
+) -> None:
+    text = CONTROLLER.replace("0.05", "0.5")
+    found = described(mecanum_urdf(), text)
+    assert found.wheels["fl_joint"]["radius"] == 0.05
+    assert any("0.5 m in drive" in one and "used: collision" in one for one in found.contradictions)
+    with pytest.raises(ConfigurationError, match=r"radius of 0.5 m \(drive .* are 0.4 m apart"):
+        described_vehicle([str(tmp_path / "controllers_0.yaml")])
+    with pytest.raises(ConfigurationError, match=r"radius of 0.45 m \(--wheel-radius\)"):
+        described(mecanum_urdf(), text, radius=0.45)
+
+
+def test_axles_of_omni_wheels_on_fixed_joints_point_outward(described: Write) -> None:
+    found = described(omni_urdf().replace("continuous", "fixed"))
+    assert found.wheels == described(omni_urdf()).wheels
+    assert not any("turns the robot the other way" in one for one in found.questions)
 
 
 def test_a_file_without_a_known_controller_is_named(described: Write) -> None:
@@ -368,10 +446,11 @@ def test_rollers_are_no_wheels(described: Write) -> None:
 
 
 def test_names_with_a_namespace_or_a_dash_are_matched(described: Write) -> None:
-    text = CONTROLLER.replace("_name: ", "_name: robot1/")
-    assert set(described(mecanum_urdf(), text).wheels) == {
-        f"{name}_joint" for name in ("fl", "fr", "rl", "rr")
-    }
+    for prefix in ("robot1/", "$(var prefix)"):
+        text = CONTROLLER.replace("_name: ", f"_name: {prefix}")
+        assert set(described(mecanum_urdf(), text).wheels) == {
+            f"{name}_joint" for name in ("fl", "fr", "rl", "rr")
+        }
     found = described(mecanum_urdf(name="{}-wheel"))
     assert set(found.wheels) == {f"{name}_wheel" for name in ("fl", "fr", "rl", "rr")}
     assert any("fl-wheel" in one for one in found.questions)
@@ -402,7 +481,7 @@ def test_names_with_a_namespace_or_a_dash_are_matched(described: Write) -> None:
             mecanum_urdf().replace('radius="0.05"', 'radius="50"'),
             "looks like millimeters or inches",
         ),
-        (mecanum_urdf().replace('radius="0.05"', 'radius="wide"'), "which are not numbers"),
+        (mecanum_urdf().replace('radius="0.05"', 'radius="wide"'), "must be a number"),
         (f"<robot name='a'>{link('base_link')}</robot>", "has no wheels, must have three or more"),
     ],
 )
@@ -491,11 +570,14 @@ def test_only_a_camera_that_looks_down_is_a_ground_sensor(described: Write) -> N
     down = f"0 {math.pi / 2} 0"
     extra = joint("a", "base_link", "ground_camera", "0.1 0 0", rpy=down, kind="fixed")
     extra += joint("b", "base_link", "front_camera", "0.2 0 0", kind="fixed")
-    extra += link("ground_camera") + link("front_camera")
+    extra += joint("c", "base_link", "gimbal_camera", "0.2 0 0", rpy=down, kind="revolute")
+    extra += link("ground_camera") + link("front_camera") + link("gimbal_camera")
     found = described(mecanum_urdf(extra=extra))
     assert set(found.cameras) == {"ground_camera"}
     assert found.cameras["ground_camera"]["x"] == pytest.approx(0.1)
-    assert any("no view of the ground: front_camera" in one for one in found.questions)
+    words = "no view of the ground: front_camera, gimbal_camera;"
+    assert any(words in one for one in found.questions)
+    assert any("ground_camera look at the ground: do they" in one for one in found.questions)
 
 
 def run(tmp_path: Path, *words: str, **options: Any) -> dict[str, Any]:
@@ -619,9 +701,10 @@ def test_xacro_finds_files_that_a_package_installs_elsewhere(tmp_path: Path) -> 
     ("change", "words"),
     [
         (("find wheels_description", "find other_package"), "the package other_package is not in"),
-        (("wheel.xacro", "lost.xacro"), "lacks the file .*/lost.xacro"),
+        (("wheel.xacro", "lost.xacro"), "lacks the file [^ ]*/lost.xacro; on the robot"),
         (("${track / 2}", "${trak / 2}"), "the property trak is not defined"),
         (('<xacro:arg name="track" default="0.3"/>', ""), "track has no value; give track:=VALUE"),
+        (("${track / 2}", "$(arg a)$(arg b)"), "argument a has no value; give a:=VALUE b:=VALUE;"),
         (("<xacro:wheel", "<xacro:whel"), "unknown macro name: xacro:whel"),
         (("<xacro:wheel", "<xacro:wheel<"), "is not valid XML"),
         (("${track / 2}", "${(lambda: 0).__globals__}"), "repeat the command with --trust"),
@@ -655,6 +738,11 @@ def test_a_missing_package_can_be_left_out(tmp_path: Path) -> None:
     found = described_vehicle([str(main)], skip_missing=True)
     assert len(found.wheels) == 4
     assert any("lidar_description is left out" in one for one in found.questions)
+    text = main.read_text()
+    main.write_text(text.replace("</robot>", '<link name="${lidar_name}"/></robot>'))
+    with pytest.raises(ConfigurationError, match=r"lidar_name .* left out: lidar_description"):
+        described_vehicle([str(main)], skip_missing=True)
+    main.write_text(text)
     held = "".join(  # more links than the vehicle has
         joint(name, "lidar_mount", name, "0 0 1", kind="fixed") + link(name, mass=1.0)
         for name in map("mast_{}".format, range(8))
