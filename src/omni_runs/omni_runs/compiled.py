@@ -27,8 +27,14 @@ from omni_runs.history import FastRun, without_jumps
 from omni_sim import run_progress, velocity_sensor
 from omni_sim.driver.scripted import ScriptedDriver
 from omni_sim.ground.friction import FrictionMap
-from omni_sim.imu import write_world
-from omni_sim.measurement import Instruments, Readings, Truth, build_instruments, draws, measure
+from omni_sim.measurement import (
+    Instruments,
+    Readings,
+    Truth,
+    build_instruments,
+    measure,
+    write_world,
+)
 from omni_sim.push import NO_PUSH, Push
 from omni_sim.vehicle.dynamics import advance, base_motion, energies, in_turned_frame
 from omni_sim.vehicle.state import Control, State
@@ -216,7 +222,7 @@ def _sensors(configuration: ExperimentConfiguration, stamps: int) -> _Sensors:
         draws=uniform,
         drawn=np.zeros(1, np.int64),
         instruments=instruments,
-        noise=np.zeros((_CHUNK, draws(instruments))),
+        noise=np.zeros((_CHUNK, instruments.draws)),
         integral=new_integral(),
         longest_ns=round(configuration.brake_assist.feedback_timeout * 1e9),
         rest=run_progress.rest_memory(),

@@ -17,7 +17,6 @@ from omni_sim.camera.camera import LineCameraArray
 from omni_sim.configuration import SimulatorConfiguration
 from omni_sim.driver.scripted import Driver, ScriptedDriver
 from omni_sim.ground.friction import FrictionMap
-from omni_sim.imu import write_world
 from omni_sim.texture.cache import TextureCache
 from omni_sim.vehicle.loads import Overload
 from omni_sim.vehicle.mujoco_vehicle import build_vehicle
@@ -96,6 +95,7 @@ class Simulator:
         self.configuration = configuration
         simulation = configuration.simulation
         self.control_period_ns = simulation.control_period_ns
+        self._steps = simulation.steps_per_period
         self._driver: Driver = driver or ScriptedDriver(configuration.maneuver)
         # Only the scripted driver keeps a direction that is fixed in the world.
         self._hold_world = driver is None and configuration.maneuver.hold_world_direction
@@ -146,7 +146,7 @@ class Simulator:
             cameras = LineCameraArray(
                 configuration.sensors, texture, configuration.camera, camera_seed
             )
-            step_ns = self.control_period_ns / simulation.steps_per_period
+            step_ns = self.control_period_ns / self._steps
             blurred = configuration.camera.exposure_time > 0.0
             self._lines = batches.LineExposures(cameras, step_ns, blurred=blurred)
             start = np.zeros((1, 6))
@@ -158,7 +158,7 @@ class Simulator:
     def observe(self) -> Observation:
         """Return state and measurements at the present stamp; repeated calls give equal results."""
         vehicle = self.vehicle
-        motion, wheels = vehicle.motion, vehicle.wheels
+        motion, wheels = vehicle.motion, vehicle.state.wheels.copy()
         pose, twist = motion[:3], motion[3:]
         steering_angle, steering_rate = vehicle.steering
         self._measure(motion)
@@ -198,14 +198,14 @@ class Simulator:
         sample = self._velocity_sensor.measure(self._stamp_ns, motion[3:])
         self._taken_ns, self._reading = sample.stamp_ns, sample.value
         if len(self._path) == 1:
-            write_world(motion, self._path[0])
-        step_ns = period_ns / self.configuration.simulation.steps_per_period
+            measurement.write_world(motion, self._path[0])
+        step_ns = period_ns / self._steps
+        state = vehicle.state
+        tilt = float(state.body["tilt_x"][0]), float(state.body["tilt_y"][0])
         count = measurement.measure(
             self._instruments,
-            measurement.Truth(
-                step, period_ns, self._path, step_ns, vehicle.tilt, vehicle.state.wheels
-            ),
-            self._noise.standard_normal(measurement.draws(self._instruments)),
+            measurement.Truth(step, period_ns, self._path, step_ns, tilt, state.wheels),
+            self._noise.standard_normal(self._instruments.draws),
             measurement.Readings(self._reading, self._imu_ns, self._inertial, self._encoder),
         )
         self._imu = tuple(
@@ -227,9 +227,10 @@ class Simulator:
             self.vehicle.apply_brake_faults(start_ns * 1e-9)
         if self.configuration.vehicle.fork.time:
             self.vehicle.lift(start_ns * 1e-9)
-        ride, self._steering = self.vehicle.ride, self.vehicle.steering[0]
+        ride = self.vehicle.ride if self._sprung else None
+        self._steering = self.vehicle.steering[0]
         trajectory = self.vehicle.advance(
-            self.configuration.simulation.steps_per_period,
+            self._steps,
             self._driver.pedal(start_ns),
             brake_enable,
             self._driver.command_twist(start_ns, float(self.vehicle.pose[2])),
@@ -237,17 +238,15 @@ class Simulator:
         )
         if self.configuration.imu.rate > 0.0:
             self._path = trajectory[1:]
-        self.overloaded = self.overload.update(
-            self.vehicle.wheels["load"], self.vehicle.overloaded_steps
-        )
+        wheels, counters = self.vehicle.state.wheels, self.vehicle.state.counters
+        self.overloaded = self.overload.update(wheels["load"], int(counters["overloaded_steps"][0]))
         self.tipping = self.vehicle.tipping
         self._stamp_ns = start_ns + self.control_period_ns
-        if self._sprung:
+        if ride is not None:
             height = self.vehicle.height
             period = self.configuration.simulation.control_period
             trajectory = swaying(trajectory, ride, self.vehicle.ride, height, period)
-        self._flow_sensors.advance(trajectory)
-        self._flows = self._flow_sensors.measure(self._stamp_ns)
+        self._flows = self._flow_sensors.measure(self._stamp_ns, trajectory)
         if self._lines is not None:
             self._batches = self._expose(self._lines, trajectory, start_ns)
 

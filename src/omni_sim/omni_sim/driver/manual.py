@@ -86,20 +86,16 @@ class ManualDriver:
 
     Attributes:
         start_pose: x, y [m], yaw [rad] of base_link in the world frame at the start, shape (3,).
+        start_twist: twist of base_link at the start, zero [m/s, m/s, rad/s], shape (3,).
     """
 
     def __init__(
         self, configuration: ManualDriverConfiguration, maneuver: ManeuverConfiguration
     ) -> None:
         self._limits = configuration
-        self.start_pose = ScriptedDriver(maneuver).start_pose
+        self.start_pose, self.start_twist = ScriptedDriver(maneuver).start_pose, np.zeros(3)
         self._pedal = FULL_BRAKING
         self._command = np.zeros(3)
-
-    @property
-    def start_twist(self) -> FloatArray:
-        """Twist of base_link at the start, zero, shape (3,)."""
-        return np.zeros(3)
 
     def halt(self) -> None:
         """Set the velocity command to zero; used after the vehicle was moved to another pose."""
