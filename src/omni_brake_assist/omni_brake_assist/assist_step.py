@@ -87,14 +87,13 @@ def _check_and_estimate(
         Whether the law is to be called; and values of `law.Motion`: `first`, `dt`, velocity and yaw
         rate, direction perpendicular to the line of motion, and `failed_brake`.
     """
-    step, line, gate = memory.step[0], memory.line[0], memory.gate[0]
+    step, gate = memory.step[0], memory.gate[0]
     now_ns = inputs.now_ns
     braking = inputs.pedal >= constants.pedal_threshold
     pedal = inputs.pedal if braking else 0.0
     elapsed = max(since(now_ns, gate.now_ns) * 1e-9, 0.0)
     elapsed = min(elapsed, constants.maximum_time_step)
     if not braking:
-        braking_line.forget_line(line)
         step.slow, step.dead = False, 0
 
     feedback = _twist_of_center(constants, memory, inputs.feedback)
@@ -106,15 +105,12 @@ def _check_and_estimate(
     ready = braking and good and gate_open
     if constants.fault_detection and (ready or not braking):
         _watch(constants, memory, pedal, elapsed, twist)
-    dt = 0.0
-    if good:
-        lowest, longest = constants.minimum_reference_speed, constants.maximum_time_step
-        dt, begun = braking_line.follow_line(line, stamp_ns, twist, ready, lowest, longest)
-        step.assisting = step.assisting and not begun
-
-    first = not step.assisting
-    step.assisting = ready or (step.assisting and braking)
-    across = braking_line.perpendicular(line)
+    limits = constants.minimum_reference_speed, constants.maximum_time_step
+    dt, begun, across = braking_line.keep_line(
+        memory.line[0], stamp_ns, twist, limits, braking, good, ready
+    )
+    first = begun or not step.assisting
+    step.assisting = ready or (step.assisting and not begun and braking)
     return ready, first, dt, twist, across, step.dead - 1
 
 

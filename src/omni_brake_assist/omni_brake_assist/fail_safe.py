@@ -15,7 +15,6 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from omni_brake_assist import conditions
 from omni_brake_assist.configuration import BrakeAssistConfiguration
@@ -43,7 +42,7 @@ GATE_STATE = np.dtype(
         ("unchanged_ns", "i8"),  # stamp since which the twist has not changed [ns]
     ]
 )
-"""Data type of the gate's memory, which `new_gate` creates."""
+"""Data type of the gate's memory, which `assist_state.new_memory` creates."""
 
 
 @by_reference
@@ -101,13 +100,6 @@ def make_limits(configuration: BrakeAssistConfiguration, reach: float) -> Limits
         reach=reach,
         **same,
     )
-
-
-def new_gate() -> NDArray[np.void]:
-    """Return the initial state of the gate, a record of `GATE_STATE`, shape (1,)."""
-    gate = np.zeros(1, GATE_STATE)
-    gate["cause"] = conditions.NOTHING_YET
-    return gate
 
 
 @lean

@@ -18,7 +18,7 @@ from omni_core.sensors import LineSensor
 from omni_core.signals import Lines
 from omni_sim.camera import optics
 from omni_sim.camera.configuration import CameraConfiguration
-from omni_sim.camera.exposure import expose, noise_key
+from omni_sim.camera.exposure import expose
 from omni_sim.camera.faults import TimedFault, faults_of, moved_to, turned_poses
 from omni_sim.camera.footprint.integral import integrate_lines
 from omni_sim.camera.footprint.padding import PaddedTexture, padded_levels
@@ -41,6 +41,7 @@ class LineCamera:
         texture: PaddedTexture,
         configuration: CameraConfiguration,
         key: np.uint64,
+        made: optics.Optics,
         timed: tuple[TimedFault, ...] = (),
     ) -> None:
         """Create a camera above a ground.
@@ -49,13 +50,12 @@ class LineCamera:
             sensor: mounting position and field of view.
             texture: texture of the ground.
             configuration: exposure and optics.
-            key: key of the camera's noise, see `exposure.noise_key`.
+            key: key of the camera's noise, see `noise_key`.
+            made: optics of the camera.
             timed: faults of this camera that begin and end during a run.
         """
         self.sensor = sensor
-        self._seen = optics.seen(sensor, configuration)
-        self._transmission = optics.transmission(sensor, configuration, key)
-        self._faults = optics.pixel_faults(sensor, configuration, key)
+        self._seen, self._transmission, self._faults = made
         self._texture = texture
         self._configuration = configuration
         self._key = key
@@ -119,9 +119,9 @@ class LineCamera:
         return self._blurred(poses, velocities)
 
     def _integrate(self, poses: FloatArray) -> Float32Array:
-        view, wider = self._seen, self._configuration.widening(self.rise)
+        view, (wider, blur) = self._seen, self._configuration.focus(self.rise)
         footprints, width = self.footprints(poses), view.width * wider
-        blur = self._configuration.defocus(self.rise) / (view.pixel_pitch * wider)  # [px]
+        blur /= view.pixel_pitch * wider  # [px]
         if blur == 0.0:
             return integrate_lines(
                 self._texture, footprints, view.length * wider, width, view.pixels
@@ -199,6 +199,17 @@ def _place(poses: FloatArray, x: float, y: float, heading: float, footprints: Fl
         footprints[i, 2] = yaw + heading
 
 
+def noise_key(seed: np.random.SeedSequence, name: str) -> np.uint64:
+    """Return the key of a sensor's noise, which does not depend on the other sensors.
+
+    Args:
+        seed: seed of the run, common to all sensors.
+        name: name of the sensor.
+    """
+    child = np.random.SeedSequence(seed.entropy, spawn_key=(*seed.spawn_key, *name.encode()))
+    return np.uint64(child.generate_state(1, np.uint64)[0])
+
+
 class LineCameraArray:
     """All line cameras of a vehicle, over one ground.
 
@@ -228,14 +239,16 @@ class LineCameraArray:
             ConfigurationError: a footprint exceeds the period of the texture, a footprint is
                 narrower than 10 texels, or an exposure lasts longer than a line period.
         """
-        optics.check_exposure(sensors, configuration)
-        views = {name: optics.seen(sensor, configuration) for name, sensor in sensors.items()}
+        keys = {name: noise_key(seed, name) for name in sensors}
+        made = optics.optics_of(sensors, configuration, keys)
+        views = {name: one.view for name, one in made.items()}
         padded = padded_levels(views, texture, configuration.most_widening)
         self.cameras: dict[str, LineCamera] = {}
         for name, sensor in sensors.items():
-            key = noise_key(seed, name)
-            timed = faults_of(name, views[name], configuration, key)
-            self.cameras[name] = LineCamera(sensor, padded[name], configuration, key, timed)
+            timed = faults_of(name, views[name], configuration, keys[name])
+            self.cameras[name] = LineCamera(
+                sensor, padded[name], configuration, keys[name], made[name], timed
+            )
         self._next_line = dict.fromkeys(self.cameras, 0)
 
     def render(self, poses: Mapping[str, FloatArray]) -> dict[str, Lines]:

@@ -23,17 +23,6 @@ from omni_sim.camera.configuration import FULL_SCALE, CameraConfiguration
 _TABLE_BITS = 12
 
 
-def noise_key(seed: np.random.SeedSequence, name: str) -> np.uint64:
-    """Return the key of a sensor's noise, which does not depend on the other sensors.
-
-    Args:
-        seed: seed of the run, common to all sensors.
-        name: name of the sensor.
-    """
-    child = np.random.SeedSequence(seed.entropy, spawn_key=(*seed.spawn_key, *name.encode()))
-    return np.uint64(child.generate_state(1, np.uint64)[0])
-
-
 def expose(
     grays: Float32Array, camera: CameraConfiguration, key: np.uint64, first_line: int
 ) -> Lines:
@@ -44,13 +33,16 @@ def expose(
     Args:
         grays: gray levels of the ground on the 8-bit scale, shape (m, pixels).
         camera: gain, offset, noise and bit depth.
-        key: key of the sensor's noise, see `noise_key`.
+        key: key of the sensor's noise, see `camera.noise_key`.
         first_line: index of the first of these lines since the start of the run.
     """
     lines: Lines = np.empty(grays.shape, np.uint8 if camera.bit_depth == 8 else np.uint16)
     scale = 1.0 if camera.bit_depth == 8 else 257.0
     response = np.array([camera.gain, camera.offset, FULL_SCALE]) * scale
-    table = _quantiles(camera.noise_deviation * scale)
+    deviation = camera.noise
+    if camera.signal_to_noise_db > 0.0:
+        deviation = float(FULL_SCALE / 10.0 ** (camera.signal_to_noise_db / 20.0))
+    table = _quantiles(deviation * scale)
     _expose(grays, response.astype(np.float32), table, key, np.uint64(first_line), lines)
     return lines
 
