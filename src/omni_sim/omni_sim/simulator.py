@@ -5,7 +5,7 @@ enables for one control period. The module depends neither on ROS nor on a clock
 """
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -18,7 +18,6 @@ from omni_sim.configuration import SimulatorConfiguration
 from omni_sim.driver.scripted import Driver, ScriptedDriver
 from omni_sim.ground.friction import FrictionMap
 from omni_sim.texture.cache import TextureCache
-from omni_sim.vehicle.loads import Overload
 from omni_sim.vehicle.mujoco_vehicle import build_vehicle
 from omni_sim.vehicle.suspension import swaying
 from omni_sim.velocity_sensor import VelocitySensor
@@ -65,6 +64,61 @@ class Observation:
     wheel_force_body: quantities.FloatArray
     line_batches: Mapping[str, signals.LineBatch]
     flows: Mapping[str, signals.Flow]
+
+
+class Overload:
+    """Records wheel loads above the largest load of the tire model during a run.
+
+    Attributes:
+        time: total time of overload since the start, summed over the wheels [s].
+    """
+
+    def __init__(
+        self, wheel_names: Sequence[str], model: str, limit: float, physics_step: float
+    ) -> None:
+        """Create a monitor that has recorded no overload.
+
+        Args:
+            wheel_names: wheel names in the order of all wheel arrays.
+            model: name of the tire model.
+            limit: largest load for which the model is valid [N].
+            physics_step: length of a step [s].
+        """
+        self.time = 0.0
+        self._names, self._model, self._limit = tuple(wheel_names), model, limit
+        self._step = physics_step
+        self._largest = np.zeros(len(self._names))
+
+    def update(self, load: quantities.FloatArray, overloaded_steps: int) -> bool:
+        """Record the wheel loads at the end of a control period.
+
+        Args:
+            load: wheel loads at the end of the period [N], shape (N,).
+            overloaded_steps: number of physics steps with overload since the start, summed over
+                wheels.
+
+        Returns:
+            Whether a wheel was overloaded within the period.
+        """
+        self._largest = np.maximum(self._largest, load)
+        before, self.time = self.time, overloaded_steps * self._step
+        return self.time > before
+
+    @property
+    def largest_load(self) -> dict[str, float]:
+        """Largest load of each overloaded wheel at the ends of the control periods [N], by name."""
+        loads = zip(self._names, self._largest.tolist(), strict=True)
+        return {name: load for name, load in loads if load > self._limit}
+
+    def sentence(self) -> str:
+        """Return a sentence that describes the overload."""
+        wheels = ", ".join(f"{name} up to {load:.0f} N" for name, load in self.largest_load.items())
+        return (
+            f"overload: wheels carried more than the {self._limit:.0f} N that the tire model "
+            f"{self._model} covers, for {self.time:.3g} s in total"
+            f"{f' ({wheels})' if wheels else ''}; their forces were computed at "
+            f"{self._limit:.0f} N"
+        )
 
 
 class Simulator:

@@ -1,7 +1,7 @@
 """Top view of braking: snapshots of every variant, like Figures 24 and 30 of the dissertation.
 
 Every variant or stop has a panel, all with the same scale, so that distances can be compared by
-eye. Times are counted from the start of braking; `snapshots` selects the moments.
+eye. Times are counted from the start of braking; `scene` selects the moments.
 """
 
 import dataclasses
@@ -25,10 +25,13 @@ from matplotlib.transforms import Bbox
 
 from omni_core.geometry import PlatformGeometry
 from omni_core.quantities import FloatArray
-from omni_runs.figures.scene import Scene, overlap, placed, rectangle
-from omni_runs.figures.snapshots import (
+from omni_runs.figures.scene import (
+    Scene,
     Snapshots,
     choose_snapshots,
+    overlap,
+    placed,
+    rectangle,
     snapshot_outlines,
     velocity_arrow,
 )

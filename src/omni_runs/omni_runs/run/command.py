@@ -112,7 +112,7 @@ def _checked_configurations(
     ]
     for _, _, configuration in runs:
         configuration.check_drivable()
-    prepare_grounds((configuration for _, _, configuration in runs), TextureCache.of_user())
+    prepare_grounds([configuration for _, _, configuration in runs], TextureCache.of_user())
     return runs
 
 
