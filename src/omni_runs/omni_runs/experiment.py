@@ -148,16 +148,16 @@ class ExperimentLibrary:
             tree = yaml_files.merge(tree, values)
         # Nodes use the true mounting positions unless the experiment configures others.
         for kind in ("sensors", "flow_sensors"):
-            _set_default(tree, "odometry", kind, tree.get(kind))
+            set_default(tree, "odometry", kind, tree.get(kind))
         vehicle = tree.get("vehicle")
         wheels = vehicle.get("wheels") if isinstance(vehicle, Mapping) else None
-        _set_default(tree, "brake_assist", "wheels", wheels)
+        set_default(tree, "brake_assist", "wheels", wheels)
         if isinstance(vehicle, Mapping):
-            _check_complete(vehicle, _REQUIRED, "vehicle", experiment)
+            check_complete(vehicle, _REQUIRED, "vehicle", experiment)
             for name in ("brake", "wheel_inertia"):
-                _set_default(tree, "brake_assist", name, vehicle.get(name))
+                set_default(tree, "brake_assist", name, vehicle.get(name))
         _share_period(tree)
-        _set_default(tree, "brake_assist", "feedback_delay", _twist_delay(tree))
+        set_default(tree, "brake_assist", "feedback_delay", _twist_delay(tree))
         return declared.from_mapping(ExperimentConfiguration, tree)
 
     def vehicle(self, name: str) -> VehicleConfiguration:
@@ -227,7 +227,7 @@ class ExperimentLibrary:
                 named = _nearest(self.located(kind, value), near)
                 part = self._read(kind, named, path)
                 if kind == "vehicles":
-                    _check_complete(part, _REQUIRED, path, named)
+                    check_complete(part, _REQUIRED, path, named)
                 beside = Path(named).parent if named.endswith(".yaml") else None
                 resolved[key] = yaml_files.Part(self._resolve(part, path, beside))
             elif isinstance(value, Mapping):
@@ -333,7 +333,7 @@ def _take_names(
     return rest
 
 
-def _check_complete(
+def check_complete(
     vehicle: Mapping[str, Any], required: Iterable[str], key: str, name: str
 ) -> None:
     """Check that a vehicle defines all values that have no sensible default.
@@ -359,7 +359,7 @@ def _check_complete(
             )
 
 
-def _set_default(tree: dict[str, Any], node: str, name: str, truth: Any) -> None:
+def set_default(tree: dict[str, Any], node: str, name: str, truth: Any) -> None:
     """Set a parameter of a node to the simulator's value, unless the experiment sets it.
 
     Args:
@@ -402,7 +402,7 @@ def _share_period(tree: dict[str, Any]) -> None:
     simulation = tree.get("simulation")
     if isinstance(simulation, Mapping):
         period = simulation.get("control_period")
-        _set_default(tree, "brake_assist", "control_period", period)
+        set_default(tree, "brake_assist", "control_period", period)
 
 
 def _twist_delay(tree: Mapping[str, Any]) -> float | None:
