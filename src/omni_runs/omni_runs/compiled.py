@@ -177,12 +177,11 @@ def _loop(configuration: ExperimentConfiguration, driver: ScriptedDriver, push: 
     stamps = math.ceil(simulation.duration_limit * 1e9 / period_ns) + 1
     settled = min(-(-driver.settled_ns // period_ns), stamps - 1)
     start_yaw, time = float(driver.start_pose[2]), np.arange(stamps) * period_ns * 1e-9
-    pedal = np.full(stamps, driver.pedal(settled * period_ns))
-    command = np.zeros((stamps, 3))
-    pedal[:settled], command[:settled] = driver.pedal(0), driver.command_twist(0, start_yaw)
+    last, _ = driver.demand(settled * period_ns, start_yaw)
+    pedal, command = np.full(stamps, last), np.zeros((stamps, 3))
+    pedal[:settled], command[:settled] = driver.demand(0, start_yaw)
     for index in range(min(driver.first_change_ns // period_ns, settled), settled + 1):
-        pedal[index] = driver.pedal(index * period_ns)
-        command[index] = driver.command_twist(index * period_ns, start_yaw)
+        pedal[index], command[index] = driver.demand(index * period_ns, start_yaw)
     return _Loop(
         period_ns=period_ns,
         steps=simulation.steps_per_period,

@@ -216,13 +216,14 @@ class Simulator:
         pose, twist = motion[:3], motion[3:]
         steering_angle, steering_rate = vehicle.steering
         self._measure(motion)
+        pedal, command = self._driver.demand(self._stamp_ns, float(pose[2]))
         return Observation(
             stamp_ns=self._stamp_ns,
             wheel_angle=wheels["angle"],
             wheel_speed=wheels["speed"],
             brake_torque=wheels["brake"],
-            pedal=self._driver.pedal(self._stamp_ns),
-            command=self._driver.command_twist(self._stamp_ns, float(pose[2])),
+            pedal=pedal,
+            command=command,
             pose=pose,
             attitude=vehicle.attitude,
             twist=twist,
@@ -283,11 +284,12 @@ class Simulator:
             self.vehicle.lift(start_ns * 1e-9)
         ride = self.vehicle.ride if self._sprung else None
         self._steering = self.vehicle.steering[0]
+        pedal, command = self._driver.demand(start_ns, float(self.vehicle.pose[2]))
         trajectory = self.vehicle.advance(
             self._steps,
-            self._driver.pedal(start_ns),
+            pedal,
             brake_enable,
-            self._driver.command_twist(start_ns, float(self.vehicle.pose[2])),
+            command,
             hold_world_direction=self._hold_world,
         )
         if self.configuration.imu.rate > 0.0:

@@ -19,7 +19,7 @@ from omni_core.commands import command_report, interruption
 from omni_core.commands.command_options import CommandOptions, option
 from omni_core.commands.workspace import progress_bar
 from omni_core.configuration import ConfigurationError, InputError, WorkError, check_choice
-from omni_runs.options import LoopOptions, is_swept
+from omni_runs.options import LoopOptions
 from omni_runs.workspace import ExperimentWorkspace, remarks_on
 
 if TYPE_CHECKING:
@@ -73,7 +73,7 @@ def run(options: Options, workspace: ExperimentWorkspace) -> command_report.Repo
     """Check the configuration, make the folder, run every variant, draw the figures, report."""
     from omni_runs.graph.fork_server import start_fork_server
 
-    if any(map(is_swept, options.changes)):
+    if options.swept:
         from omni_runs.sweep.command import run_sweep
 
         if options.real_time or options.replace:

@@ -125,10 +125,9 @@ class ManualDriver:
         change[2] = min(max(change[2], -turn), turn)
         self._command = self._command + change
 
-    def pedal(self, _stamp_ns: int) -> float:
-        """Return the position of the brake pedal, 0 to 1."""
-        return self._pedal
+    def demand(self, _stamp_ns: int, _yaw: float) -> tuple[float, FloatArray]:
+        """Return the position of the brake pedal, 0 to 1, and the commanded body twist, shape (3,).
 
-    def command_twist(self, _stamp_ns: int, _yaw: float) -> FloatArray:
-        """Return the commanded body twist of base_link [m/s, m/s, rad/s], shape (3,)."""
-        return self._command.copy()
+        The twist is in m/s, m/s, rad/s.
+        """
+        return self._pedal, self._command.copy()

@@ -21,11 +21,11 @@ class Driver(Protocol):
     start_twist: FloatArray
     """Twist of base_link in the body frame at the start [m/s, m/s, rad/s], shape (3,)"""
 
-    def pedal(self, stamp_ns: int, /) -> float:
-        """Return the position of the brake pedal, 0 to 1, at a stamp [ns]."""
+    def demand(self, stamp_ns: int, yaw: float, /) -> tuple[float, FloatArray]:
+        """Return the position of the brake pedal, 0 to 1, and the commanded body twist, shape (3,).
 
-    def command_twist(self, stamp_ns: int, yaw: float, /) -> FloatArray:
-        """Return the commanded body twist [m/s, m/s, rad/s] at a stamp [ns] and a yaw [rad]."""
+        Arguments are a stamp [ns] and the yaw of the body [rad]; the twist is in m/s, m/s, rad/s.
+        """
 
 
 class ScriptedDriver:
@@ -71,22 +71,8 @@ class ScriptedDriver:
             return round(float(self._times[-1]) * SECOND_NS)
         return self._brake_ns + self._ramp_ns
 
-    def pedal(self, stamp_ns: int) -> float:
-        """Return the position of the brake pedal, 0 to 1.
-
-        Args:
-            stamp_ns: time since the start of the run [ns].
-        """
-        if self._times.size:
-            return float(self._row(stamp_ns)[3])
-        elapsed = stamp_ns - self._brake_ns
-        if elapsed < 0:
-            return 0.0
-        share = 1.0 if elapsed >= self._ramp_ns else elapsed / self._ramp_ns
-        return self.configuration.pedal * share
-
-    def command_twist(self, stamp_ns: int, yaw: float) -> FloatArray:
-        """Return the commanded twist of base_link at a time.
+    def demand(self, stamp_ns: int, yaw: float) -> tuple[float, FloatArray]:
+        """Return the position of the brake pedal, and the commanded twist of base_link.
 
         Without a table of demands, the command is constant until the pedal reaches its final
         position, so that the drive does not brake before its clutch opens. From then on, the
@@ -97,14 +83,17 @@ class ScriptedDriver:
             yaw: yaw of the body in the world frame [rad].
 
         Returns:
-            Commanded twist in the body frame [m/s, m/s, rad/s], shape (3,).
+            Position of the pedal, 0 to 1; twist in the body frame [m/s, m/s, rad/s], shape (3,).
         """
-        if self._times.size and stamp_ns < self.settled_ns:
-            return self._row(stamp_ns)[:3]
-        if self._times.size or stamp_ns - self._brake_ns >= self._ramp_ns:
-            return np.zeros(3)
+        if self._times.size:
+            row = self._row(stamp_ns)
+            return float(row[3]), row[:3] if stamp_ns < self.settled_ns else np.zeros(3)
+        elapsed = stamp_ns - self._brake_ns
+        if elapsed >= self._ramp_ns:
+            return self.configuration.pedal, np.zeros(3)
+        pedal = self.configuration.pedal * (elapsed / self._ramp_ns) if elapsed > 0 else 0.0
         twist = self.start_twist.copy()
         if self.configuration.hold_world_direction:
             turned = yaw - math.radians(self.configuration.heading_deg)
             twist[:2] = in_turned_frame(twist[0], twist[1], turned)
-        return twist
+        return pedal, twist
