@@ -294,8 +294,8 @@ class Simulator:
         )
         if self.configuration.imu.rate > 0.0:
             self._path = trajectory[1:]
-        wheels, counters = self.vehicle.state.wheels, self.vehicle.state.counters
-        self.overloaded = self.overload.update(wheels["load"], int(counters["overloaded_steps"][0]))
+        loads = self.vehicle.state.wheels["load"]
+        self.overloaded = self.overload.update(loads, self.vehicle.overloaded_steps)
         self.tipping = self.vehicle.tipping
         self._stamp_ns = start_ns + self.control_period_ns
         if ride is not None:

@@ -119,12 +119,12 @@ def _checked_configurations(
 def _result_folder(options: Options, workspace: ExperimentWorkspace) -> Path:
     from omni_runs.experiment import short_name
     from omni_runs.graph.domain import reserved_domain
-    from omni_runs.graph.run_folder import time_in_name, unused
+    from omni_runs.graph.run_folder import new_folder, time_in_name
 
     with reserved_domain():
         pass  # Fail before the folder is created; each run reserves a domain again.
     default = workspace.folder / "bags" / short_name(options.experiment) / time_in_name()
-    return command_report.make_folder(unused(options.out or default))
+    return new_folder(options.out or default)
 
 
 def _run_variants(

@@ -372,6 +372,11 @@ class Vehicle:
         return dynamics.energies(self.state)
 
     @property
+    def overloaded_steps(self) -> int:
+        """Number of steps with overload since the vehicle was placed, summed over the wheels."""
+        return int(self.state.counters["overloaded_steps"][0])
+
+    @property
     def tipping_steps(self) -> int:
         """Number of steps since the vehicle was placed in which it would have tipped over."""
         return int(self.state.counters["tipping_steps"][0])

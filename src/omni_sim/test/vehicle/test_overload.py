@@ -45,7 +45,7 @@ def test_overload_while_braking_is_reported_with_wheel_load_and_time(
     overload = simulator.overload
     assert list(overload.largest_load) == ["front_left"]
     assert 6000.0 < overload.largest_load["front_left"] < 12000.0
-    steps = simulator.vehicle.state.counters["overloaded_steps"][0]
+    steps = simulator.vehicle.overloaded_steps
     assert overload.time == pytest.approx(0.0005 * steps)
     assert 0.01 * (sum(overloaded) - 2) <= overload.time <= 0.01 * sum(overloaded)
     for word in ("front_left", model, "6000 N"):
