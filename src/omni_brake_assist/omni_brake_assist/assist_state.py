@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from omni_brake_assist import braking_line, fail_safe
+from omni_brake_assist import braking_line, conditions, fail_safe
 from omni_brake_assist.configuration import BrakeAssistConfiguration
 from omni_brake_assist.filter_bank import state as bank_state
 from omni_brake_assist.laws import allocation, allocation_state, built_in
@@ -206,12 +206,13 @@ def make_constants(
 
 def new_memory(constants: Constants) -> Memory:
     """Return the state of an assistant that has received no message yet."""
-    wheels, step = constants.r_x.size, np.zeros(1, _STEP)
+    wheels, step, gate = constants.r_x.size, np.zeros(1, _STEP), np.zeros(1, fail_safe.GATE_STATE)
+    gate["cause"] = conditions.NOTHING_YET
     step["imu_ns"] = -1
     return Memory(
-        fail_safe.new_gate(),
+        gate,
         step,
-        braking_line.new_line(),
+        np.zeros(1, braking_line.LINE),
         np.zeros(wheels, _VALVE),
         allocation.new_memory(constants.laws.allocation),
         bank_state.bank_memory(constants.bank),

@@ -87,34 +87,34 @@ def _check_and_estimate(
         Whether the law is to be called; and values of `law.Motion`: `first`, `dt`, velocity and yaw
         rate, direction perpendicular to the line of motion, and `failed_brake`.
     """
-    step, line, gate = memory.step[0], memory.line[0], memory.gate[0]
-    now_ns = inputs.now_ns
+    step, gate = memory.step[0], memory.gate[0]
+    now_ns, limits = inputs.now_ns, constants.limits
     braking = inputs.pedal >= constants.pedal_threshold
     pedal = inputs.pedal if braking else 0.0
-    elapsed = max(since(now_ns, gate.now_ns) * 1e-9, 0.0)
-    elapsed = min(elapsed, constants.maximum_time_step)
     if not braking:
-        braking_line.forget_line(line)
         step.slow, step.dead = False, 0
+        memory.changed_ns[:] = now_ns  # while the pedal is up, constant readings are plausible
 
     feedback = _twist_of_center(constants, memory, inputs.feedback)
-    weighed = _read_sensors(constants, memory, inputs, braking) and constants.fault_detection
-    received = fail_safe.check_inputs(constants.limits, gate, now_ns, feedback, braking, weighed)
+    others = fail_safe.Others(memory.speeds, memory.inertial, memory.seen, memory.changed_ns)
+    complete, step.stuck = fail_safe.check_others(
+        limits, constants.bank.roll, others, gate, now_ns, inputs.wheels, inputs.imu
+    )
+    weighed = complete and constants.fault_detection
+    received, elapsed = fail_safe.check_twist(limits, gate, now_ns, feedback, braking, weighed)
+    elapsed = min(elapsed, constants.maximum_time_step)
     good, gate_open, stamp_ns, twist = _estimate(
         constants, memory, inputs, feedback, received, pedal, elapsed
     )
     ready = braking and good and gate_open
     if constants.fault_detection and (ready or not braking):
         _watch(constants, memory, pedal, elapsed, twist)
-    dt = 0.0
-    if good:
-        lowest, longest = constants.minimum_reference_speed, constants.maximum_time_step
-        dt, begun = braking_line.follow_line(line, stamp_ns, twist, ready, lowest, longest)
-        step.assisting = step.assisting and not begun
-
-    first = not step.assisting
-    step.assisting = ready or (step.assisting and braking)
-    across = braking_line.perpendicular(line)
+    within = constants.minimum_reference_speed, constants.maximum_time_step
+    dt, begun, across = braking_line.keep_line(
+        memory.line[0], stamp_ns, twist, within, braking, good, ready
+    )
+    first = begun or not step.assisting
+    step.assisting = ready or (step.assisting and not begun and braking)
     return ready, first, dt, twist, across, step.dead - 1
 
 
@@ -148,42 +148,6 @@ def _store_twist(constants: Constants, memory: Memory, received: TwistSample) ->
         for j in range(3):
             covariance[2, j] = covariance[j, 2] = 0.0
         covariance[2, 2] = UNMEASURED_VARIANCE
-
-
-@lean
-def _read_sensors(constants: Constants, memory: Memory, inputs: Inputs, braking: bool) -> bool:
-    """Store wheel speeds and IMU reading; store NaN for values that are old or implausible.
-
-    While the driver brakes, a value that does not change with time is implausible.
-
-    Returns:
-        Whether there is a recent and complete IMU reading.
-    """
-    wheels, imu, inertial = inputs.wheels, inputs.imu, memory.inertial
-    now_ns, limits, rim = inputs.now_ns, constants.limits, constants.bank.roll
-    known = _is_recent(now_ns, limits.timeout_ns, wheels.validity, wheels.stamp_ns)
-    for i in range(memory.speeds.size):
-        plausible = abs(rim[i] * wheels.speed[i]) <= limits.maximum_speed
-        memory.speeds[i] = wheels.speed[i] if known and plausible else math.nan
-    known = _is_recent(now_ns, limits.timeout_ns, imu.validity, imu.stamp_ns)
-    plausible = abs(imu.yaw_rate) <= limits.maximum_yaw_rate
-    inertial[0] = imu.yaw_rate if known and plausible else math.nan
-    for j in range(2):
-        plausible = abs(imu.acceleration[j]) <= limits.maximum_acceleration
-        inertial[j + 1] = imu.acceleration[j] if known and plausible else math.nan
-    if not braking:
-        memory.changed_ns[:] = now_ns
-    seen, changed_ns, speeds = memory.seen, memory.changed_ns, memory.speeds
-    step, last_ns = memory.step[0], memory.gate[0].now_ns
-    step.stuck = fail_safe.drop_frozen(limits, seen[:3], changed_ns[:3], last_ns, now_ns, inertial)
-    step.stuck |= fail_safe.drop_frozen(limits, seen[3:], changed_ns[3:], last_ns, now_ns, speeds)
-    return math.isfinite(inertial[0] + inertial[1] + inertial[2])
-
-
-@lean
-def _is_recent(now_ns: int, timeout_ns: int, validity: int, stamp_ns: int) -> bool:
-    """Return whether a reading is valid and its stamp is within `timeout_ns` of `now_ns`."""
-    return bool(validity == VALID and abs(since(now_ns, stamp_ns)) <= timeout_ns)
 
 
 @lean

@@ -10,16 +10,15 @@ import math
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from omni_brake_assist.fail_safe import since
 from omni_core.kernels import lean
-from omni_core.quantities import Triple
+from omni_core.quantities import Pair, Triple
 
 Record = Any
-"""Reference to the record in the array that `new_line` returns."""
+"""Reference to a record of `LINE`."""
 
-_LINE = np.dtype(
+LINE = np.dtype(
     [
         ("stored", "?"),  # whether the velocity at the start of braking has been stored
         # Unit vector across the line in the body axes at that time; 0 if there is no line [1].
@@ -30,53 +29,65 @@ _LINE = np.dtype(
         ("stamp_ns", "i8"),  # stamp of the last twist, also while there is no line [ns]
     ]
 )
-
-
-def new_line() -> NDArray[np.void]:
-    """Return a record in which no line of motion is stored, shape (1,)."""
-    return np.zeros(1, _LINE)
+"""Data type of the memory; a record of zeros stores no line of motion."""
 
 
 @lean
-def forget_line(line: Record) -> None:
-    """Delete the line, for example when the pedal is released.
+def keep_line(
+    line: Record,
+    stamp_ns: int,
+    twist: Triple,
+    limits: Pair,
+    braking: bool,
+    good: bool,
+    starts: bool,
+) -> tuple[float, bool, Pair]:
+    """Store the line of motion, or integrate the heading since it was stored.
 
     Args:
-        line: memory of the line, changed in place.
+        line: memory of the line, changed in place; deleted while the driver does not brake.
+        stamp_ns: stamp of the twist [ns].
+        twist: velocity [m/s, m/s] and yaw rate [rad/s] in the body frame.
+        limits: speed below which a velocity has no usable direction [m/s]; limit on the time
+            between twists, after which the heading is unknown [s].
+        braking: whether the driver brakes.
+        good: whether the twist is valid.
+        starts: whether a line is stored if there is none.
+
+    Returns:
+        Time since the last valid twist [s], or 0 after a gap; whether the line was stored now; unit
+        vector ``p`` across the line in the present body frame [1], of zeros if there is no line.
     """
+    dt, stores = 0.0, False
+    if not braking:
+        _forget(line)
+    if good:
+        dt, stores = _follow(line, stamp_ns, twist, limits, starts)
+    c, s = math.cos(line.heading), math.sin(line.heading)
+    p_x, p_y = line.across_x, line.across_y
+    return dt, stores, (c * p_x + s * p_y, c * p_y - s * p_x)
+
+
+@lean
+def _forget(line: Record) -> None:
     line.stored = False
     line.across_x = line.across_y = line.heading = line.yaw_rate = 0.0
 
 
 @lean
-def follow_line(
-    line: Record,
-    stamp_ns: int,
-    twist: Triple,
-    starts: bool,
-    minimum_speed: float,
-    longest: float,
+def _follow(
+    line: Record, stamp_ns: int, twist: Triple, limits: Pair, starts: bool
 ) -> tuple[float, bool]:
     """Integrate the heading up to the time of a new twist, or store the line along its velocity.
 
-    If the speed is below the minimum, the record states that there is no line to keep.
-
-    Args:
-        line: memory of the line, changed in place.
-        stamp_ns: stamp of the twist [ns].
-        twist: velocity [m/s, m/s] and yaw rate [rad/s] in the body frame.
-        starts: whether a line is stored if there is none.
-        minimum_speed: speed below which a velocity has no usable direction [m/s].
-        longest: limit on the time between twists; the heading is unknown after a longer gap [s].
-
-    Returns:
-        Time since the last twist [s], or 0 after a gap; whether the line was stored now.
+    If the speed is below the minimum, the record states that there is no line to keep. Arguments
+    and results are those of `keep_line`.
     """
-    v_x, v_y, yaw_rate = twist
+    (v_x, v_y, yaw_rate), (minimum_speed, longest) = twist, limits
     dt = since(stamp_ns, line.stamp_ns) * 1e-9
     line.stamp_ns = stamp_ns
     if not 0.0 <= dt <= longest:
-        forget_line(line)
+        _forget(line)
         dt = 0.0
     stores = starts and not line.stored
     if line.stored:
@@ -90,14 +101,3 @@ def follow_line(
             line.across_x = -v_y / speed  # Eq. (51)
             line.across_y = v_x / speed
     return dt, stores
-
-
-@lean
-def perpendicular(line: Record) -> tuple[float, float]:
-    """Return the unit vector ``p`` across the line of motion in the present body frame [1].
-
-    Both components are zero if there is no line to keep.
-    """
-    c, s = math.cos(line.heading), math.sin(line.heading)
-    p_x, p_y = line.across_x, line.across_y
-    return c * p_x + s * p_y, c * p_y - s * p_x

@@ -7,7 +7,7 @@ one, and the permitted change grows with time, so that valid data are not reject
 IMU, the filter bank weights the twist by its variance and compares it with all other sources. The
 limits on the standard deviation and on the change then do not apply.
 
-The gate is one compiled kernel, `check_inputs`, which the node, the simulation and the campaigns
+The gate is one compiled kernel, `check_twist`, which the node, the simulation and the campaigns
 share. It stores the number of the violated condition, a row of `conditions.CONDITIONS`.
 """
 
@@ -15,13 +15,12 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from omni_brake_assist import conditions
 from omni_brake_assist.configuration import BrakeAssistConfiguration
 from omni_core.kernels import by_reference, lean
 from omni_core.quantities import SECOND_NS, FloatArray, IntArray
-from omni_core.signals import MISSING, VALID, TwistSample
+from omni_core.signals import MISSING, VALID, ImuSample, TwistSample, WheelSample
 
 _RESOLUTION = 1e-6  # smaller changes are attributed to rounding [m/s], [rad/s]
 _LONG_NS = 2**62  # longer than any step, but fits into 64 bits
@@ -43,7 +42,7 @@ GATE_STATE = np.dtype(
         ("unchanged_ns", "i8"),  # stamp since which the twist has not changed [ns]
     ]
 )
-"""Data type of the gate's memory, which `new_gate` creates."""
+"""Data type of the gate's memory, which `assist_state.new_memory` creates."""
 
 
 @by_reference
@@ -103,13 +102,6 @@ def make_limits(configuration: BrakeAssistConfiguration, reach: float) -> Limits
     )
 
 
-def new_gate() -> NDArray[np.void]:
-    """Return the initial state of the gate, a record of `GATE_STATE`, shape (1,)."""
-    gate = np.zeros(1, GATE_STATE)
-    gate["cause"] = conditions.NOTHING_YET
-    return gate
-
-
 @lean
 def close_gate(gate: Any, check: int, value: float, limit: float, within: float) -> None:
     """Close the gate because of a violated condition, and set the recovery count to 0.
@@ -128,10 +120,75 @@ def close_gate(gate: Any, check: int, value: float, limit: float, within: float)
     gate.good = 0
 
 
+class Others(NamedTuple):
+    """Wheel speeds and IMU reading, as stored after their check, and their last changes.
+
+    Attributes:
+        speeds: wheel speeds [rad/s], NaN where not received, shape (N,).
+        inertial: yaw rate [rad/s] and specific force [m/s^2], NaN where not received, shape (3,).
+        seen: yaw rate, specific force and wheel speeds when they last changed, in the same units,
+            shape (3 + N,).
+        changed_ns: times of these changes [ns], shape (3 + N,).
+    """
+
+    speeds: FloatArray
+    inertial: FloatArray
+    seen: FloatArray
+    changed_ns: IntArray
+
+
 @lean
-def check_inputs(
+def check_others(
+    limits: Limits,
+    rim: FloatArray,
+    others: Others,
+    gate: Any,
+    now_ns: int,
+    wheels: WheelSample,
+    imu: ImuSample,
+) -> tuple[bool, bool]:
+    """Store wheel speeds and IMU reading; store NaN for values that are old or implausible.
+
+    A value that has not changed for `frozen_time` since `Others.changed_ns` is implausible.
+
+    Args:
+        limits: limits within which inputs are valid.
+        rim: speed of each rim along the active direction per wheel speed [m], shape (N,).
+        others: memory, changed in place.
+        gate: memory of the gate, with the stamp of the last demand.
+        now_ns: stamp of the demand [ns].
+        wheels: latest received wheel speeds.
+        imu: IMU reading of the step.
+
+    Returns:
+        Whether there is a recent and complete IMU reading; whether a reading has just become stuck.
+    """
+    speeds, inertial, seen, changed_ns = others
+    known = _is_recent(now_ns, limits.timeout_ns, wheels.validity, wheels.stamp_ns)
+    for i in range(speeds.size):
+        plausible = abs(rim[i] * wheels.speed[i]) <= limits.maximum_speed
+        speeds[i] = wheels.speed[i] if known and plausible else math.nan
+    known = _is_recent(now_ns, limits.timeout_ns, imu.validity, imu.stamp_ns)
+    plausible = abs(imu.yaw_rate) <= limits.maximum_yaw_rate
+    inertial[0] = imu.yaw_rate if known and plausible else math.nan
+    for j in range(2):
+        plausible = abs(imu.acceleration[j]) <= limits.maximum_acceleration
+        inertial[j + 1] = imu.acceleration[j] if known and plausible else math.nan
+    stuck = drop_frozen(limits, seen[:3], changed_ns[:3], gate.now_ns, now_ns, inertial)
+    stuck |= drop_frozen(limits, seen[3:], changed_ns[3:], gate.now_ns, now_ns, speeds)
+    return math.isfinite(inertial[0] + inertial[1] + inertial[2]), stuck
+
+
+@lean
+def _is_recent(now_ns: int, timeout_ns: int, validity: int, stamp_ns: int) -> bool:
+    """Return whether a reading is valid and its stamp is within `timeout_ns` of `now_ns`."""
+    return bool(validity == VALID and abs(since(now_ns, stamp_ns)) <= timeout_ns)
+
+
+@lean
+def check_twist(
     limits: Limits, gate: Any, now_ns: int, sample: TwistSample, braking: bool, weighed: bool
-) -> bool:
+) -> tuple[bool, float]:
     """Check the stamp of a demand and the latest twist, and open or close the gate.
 
     Args:
@@ -145,8 +202,18 @@ def check_inputs(
             of the twist are not limited here.
 
     Returns:
-        Whether this twist is valid. The gate is open only if ``gate.cause == GOOD``.
+        Whether this twist is valid; time since the last demand, 0 if time ran backwards [s]. The
+        gate is open only if ``gate.cause == GOOD``.
     """
+    elapsed = max(since(now_ns, gate.now_ns) * 1e-9, 0.0)
+    return _is_valid(limits, gate, now_ns, sample, braking, weighed), elapsed
+
+
+@lean
+def _is_valid(
+    limits: Limits, gate: Any, now_ns: int, sample: TwistSample, braking: bool, weighed: bool
+) -> bool:
+    """Return whether a twist is valid, and open or close the gate, as in `check_twist`."""
     if not _in_time(limits, gate, now_ns):
         gate.known = False
         return False

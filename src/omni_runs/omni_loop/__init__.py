@@ -10,5 +10,7 @@ forward_imports(
         f"{__name__}.file_kinds": "omni_tools.vehicles.file_kinds",
         f"{__name__}.recorded_run.stops_of": "omni_runs.stops.stops_of",
         f"{__name__}.sweep": "omni_runs.sweep.sweep",
+        f"{__name__}.yaml_files.check_complete": "omni_runs.experiment.check_complete",
+        f"{__name__}.yaml_files.set_default": "omni_runs.experiment.set_default",
     },
 )

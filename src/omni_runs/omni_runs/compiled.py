@@ -27,8 +27,14 @@ from omni_runs.history import FastRun, without_jumps
 from omni_sim import run_progress, velocity_sensor
 from omni_sim.driver.scripted import ScriptedDriver
 from omni_sim.ground.friction import FrictionMap
-from omni_sim.imu import write_world
-from omni_sim.measurement import Instruments, Readings, Truth, build_instruments, draws, measure
+from omni_sim.measurement import (
+    Instruments,
+    Readings,
+    Truth,
+    build_instruments,
+    measure,
+    write_world,
+)
 from omni_sim.push import NO_PUSH, Push
 from omni_sim.vehicle.dynamics import advance, base_motion, energies, in_turned_frame
 from omni_sim.vehicle.state import Control, State
@@ -171,12 +177,11 @@ def _loop(configuration: ExperimentConfiguration, driver: ScriptedDriver, push: 
     stamps = math.ceil(simulation.duration_limit * 1e9 / period_ns) + 1
     settled = min(-(-driver.settled_ns // period_ns), stamps - 1)
     start_yaw, time = float(driver.start_pose[2]), np.arange(stamps) * period_ns * 1e-9
-    pedal = np.full(stamps, driver.pedal(settled * period_ns))
-    command = np.zeros((stamps, 3))
-    pedal[:settled], command[:settled] = driver.pedal(0), driver.command_twist(0, start_yaw)
+    last, _ = driver.demand(settled * period_ns, start_yaw)
+    pedal, command = np.full(stamps, last), np.zeros((stamps, 3))
+    pedal[:settled], command[:settled] = driver.demand(0, start_yaw)
     for index in range(min(driver.first_change_ns // period_ns, settled), settled + 1):
-        pedal[index] = driver.pedal(index * period_ns)
-        command[index] = driver.command_twist(index * period_ns, start_yaw)
+        pedal[index], command[index] = driver.demand(index * period_ns, start_yaw)
     return _Loop(
         period_ns=period_ns,
         steps=simulation.steps_per_period,
@@ -216,7 +221,7 @@ def _sensors(configuration: ExperimentConfiguration, stamps: int) -> _Sensors:
         draws=uniform,
         drawn=np.zeros(1, np.int64),
         instruments=instruments,
-        noise=np.zeros((_CHUNK, draws(instruments))),
+        noise=np.zeros((_CHUNK, instruments.draws)),
         integral=new_integral(),
         longest_ns=round(configuration.brake_assist.feedback_timeout * 1e9),
         rest=run_progress.rest_memory(),

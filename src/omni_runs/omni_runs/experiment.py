@@ -148,16 +148,16 @@ class ExperimentLibrary:
             tree = yaml_files.merge(tree, values)
         # Nodes use the true mounting positions unless the experiment configures others.
         for kind in ("sensors", "flow_sensors"):
-            yaml_files.set_default(tree, "odometry", kind, tree.get(kind))
+            set_default(tree, "odometry", kind, tree.get(kind))
         vehicle = tree.get("vehicle")
         wheels = vehicle.get("wheels") if isinstance(vehicle, Mapping) else None
-        yaml_files.set_default(tree, "brake_assist", "wheels", wheels)
+        set_default(tree, "brake_assist", "wheels", wheels)
         if isinstance(vehicle, Mapping):
-            yaml_files.check_complete(vehicle, _REQUIRED, "vehicle", experiment)
+            check_complete(vehicle, _REQUIRED, "vehicle", experiment)
             for name in ("brake", "wheel_inertia"):
-                yaml_files.set_default(tree, "brake_assist", name, vehicle.get(name))
+                set_default(tree, "brake_assist", name, vehicle.get(name))
         _share_period(tree)
-        yaml_files.set_default(tree, "brake_assist", "feedback_delay", _twist_delay(tree))
+        set_default(tree, "brake_assist", "feedback_delay", _twist_delay(tree))
         return declared.from_mapping(ExperimentConfiguration, tree)
 
     def vehicle(self, name: str) -> VehicleConfiguration:
@@ -227,7 +227,7 @@ class ExperimentLibrary:
                 named = _nearest(self.located(kind, value), near)
                 part = self._read(kind, named, path)
                 if kind == "vehicles":
-                    yaml_files.check_complete(part, _REQUIRED, path, named)
+                    check_complete(part, _REQUIRED, path, named)
                 beside = Path(named).parent if named.endswith(".yaml") else None
                 resolved[key] = yaml_files.Part(self._resolve(part, path, beside))
             elif isinstance(value, Mapping):
@@ -333,6 +333,46 @@ def _take_names(
     return rest
 
 
+def check_complete(
+    vehicle: Mapping[str, Any], required: Iterable[str], key: str, name: str
+) -> None:
+    """Check that a vehicle defines all values that have no sensible default.
+
+    Args:
+        vehicle: nested values of the vehicle.
+        required: dotted keys of these values.
+        key: dotted key of the vehicle, for the error message.
+        name: name or file of the vehicle, for the error message.
+
+    Raises:
+        ConfigurationError: a value is missing.
+    """
+    for one in required:
+        value: Any = vehicle
+        for part in one.split("."):
+            value = value.get(part) if isinstance(value, Mapping) else vehicle
+        if value is None:
+            raise ConfigurationError(
+                declared.join_key(key, one),
+                f"is missing in {name} and has no default; measure it, or use the estimate of "
+                "./omni new-vehicle",
+            )
+
+
+def set_default(tree: dict[str, Any], node: str, name: str, truth: Any) -> None:
+    """Set a parameter of a node to the simulator's value, unless the experiment sets it.
+
+    Args:
+        tree: experiment, changed in place.
+        node: section of the node, such as ``odometry``.
+        name: key in this section.
+        truth: value of the simulator.
+    """
+    configured = tree.get(node, {})
+    if isinstance(configured, Mapping) and truth is not None:
+        tree[node] = yaml_files.merge({name: truth}, configured)
+
+
 def _has_law(variant: Any) -> bool:
     part = variant.get("brake_assist") if isinstance(variant, Mapping) else None
     return isinstance(part, Mapping) and "law" in part
@@ -362,7 +402,7 @@ def _share_period(tree: dict[str, Any]) -> None:
     simulation = tree.get("simulation")
     if isinstance(simulation, Mapping):
         period = simulation.get("control_period")
-        yaml_files.set_default(tree, "brake_assist", "control_period", period)
+        set_default(tree, "brake_assist", "control_period", period)
 
 
 def _twist_delay(tree: Mapping[str, Any]) -> float | None:

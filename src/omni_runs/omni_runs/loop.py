@@ -105,7 +105,7 @@ class LineEstimator:
 
 def make_estimator(configuration: experiment.ExperimentConfiguration) -> Estimator:
     """Return the source of the twist for the brake assistant of a configuration."""
-    if configuration.own_odometry or configuration.feedback == "optical":
+    if configuration.uses_lines:
         port = OdometryPort(configuration.own_odometry, configuration.odometry)
         return LineEstimator(port, configuration.vehicle.wheels)
     return SensorEstimator()

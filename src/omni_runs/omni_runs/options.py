@@ -26,6 +26,11 @@ class LoopOptions(configuration.Configuration):
         simulator = [f"vehicle.wheel_model={self.simulator}"] if self.simulator is not None else []
         return [*law, *odometry, *simulator, *self.overrides]
 
+    @property
+    def swept(self) -> bool:
+        """Whether at least one of the overrides contains several values."""
+        return any(map(is_swept, self.changes))
+
 
 def is_swept(override: str) -> bool:
     """Return whether a ``dotted.key=value`` text contains several values."""

@@ -44,10 +44,10 @@ def test_between_rows_demands_are_on_a_line_and_rest_follows_the_last(
     two_stops: ExperimentConfiguration,
 ) -> None:
     driver = ScriptedDriver(two_stops.maneuver)
-    assert driver.command_twist(1_000_000_000, 0.3).tolist() == [1.5, 0.0, 0.0]
-    assert driver.pedal(2_005_000_000) == pytest.approx(0.5)
-    assert driver.command_twist(9_000_000_000, 0.0).tolist() == [0.0, 0.0, 0.0]
-    assert driver.pedal(9_000_000_000) == 1.0
+    assert driver.demand(1_000_000_000, 0.3)[1].tolist() == [1.5, 0.0, 0.0]
+    assert driver.demand(2_005_000_000, 0.0)[0] == pytest.approx(0.5)
+    assert driver.demand(9_000_000_000, 0.0)[1].tolist() == [0.0, 0.0, 0.0]
+    assert driver.demand(9_000_000_000, 0.0)[0] == 1.0
     assert driver.start_twist.tolist() == [0.0, 0.0, 0.0]
 
 

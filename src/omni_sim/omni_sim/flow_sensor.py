@@ -91,24 +91,26 @@ class FlowSensorArray:
             place = np.array([v_x - rate * sensor.y, v_y + rate * sensor.x])
             self._path[name] = turned(place, -sensor.heading) * period_ns / SECOND_NS
 
-    def advance(self, trajectory: FloatArray) -> None:
-        """Add the motion along a trajectory to the displacement that each sensor has integrated.
+    def measure(self, stamp_ns: int, trajectory: FloatArray | None = None) -> dict[str, Flow]:
+        """Return the measurements that are due at a stamp, keyed by sensor name.
 
         Args:
-            trajectory: x, y [m], yaw [rad] of base_link in the world frame, then any other columns,
-                shape (n + 1, at least 3).
+            stamp_ns: time since the start of the run [ns].
+            trajectory: motion since the last call: x, y [m], yaw [rad] of base_link in the world
+                frame, then any other columns, shape (n + 1, at least 3); None at the start.
         """
+        if trajectory is not None:
+            self._integrate(trajectory)
+        due = {name: period for name, period in self._periods.items() if stamp_ns % period == 0}
+        return {name: self._measure(name, stamp_ns, 1e-9 * due[name]) for name in due}
+
+    def _integrate(self, trajectory: FloatArray) -> None:
         yaw = trajectory[:, 2]
         middle = 0.5 * (yaw[1:] + yaw[:-1])
         for name, sensor in self._sensors.items():
             place = trajectory[:, :2] + turned(np.array([sensor.x, sensor.y]), yaw)
             path = turned(np.diff(place, axis=0), -(middle + sensor.heading))
             self._path[name] = self._path[name] + np.sum(path, axis=0)
-
-    def measure(self, stamp_ns: int) -> dict[str, Flow]:
-        """Return the measurements that are due at a stamp [ns], keyed by sensor name."""
-        due = {name: period for name, period in self._periods.items() if stamp_ns % period == 0}
-        return {name: self._measure(name, stamp_ns, 1e-9 * due[name]) for name in due}
 
     def _measure(self, name: str, stamp_ns: int, elapsed: float) -> Flow:
         c = self._configuration

@@ -87,13 +87,6 @@ class VelocitySensorConfiguration(Configuration):
     failure_duration: float = parameter(3600.0, unit="s", above=0.0, maximum=3600.0)
     """Duration of the fault"""
 
-    @property
-    def failure_ns(self) -> tuple[int, int]:
-        """Start and end of the fault [ns]; both are equal if the sensor has no fault."""
-        start = round(self.failure_time * SECOND_NS)
-        fails = self.failure != "none"
-        return start, start + (round(self.failure_duration * SECOND_NS) if fails else 0)
-
 
 CHANNELS = ("twist", "gyro", "accelerometer", "encoder")
 """Channels: velocity sensor, gyro, accelerometer and wheel encoders."""

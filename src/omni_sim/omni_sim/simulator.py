@@ -5,7 +5,7 @@ enables for one control period. The module depends neither on ROS nor on a clock
 """
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -17,9 +17,7 @@ from omni_sim.camera.camera import LineCameraArray
 from omni_sim.configuration import SimulatorConfiguration
 from omni_sim.driver.scripted import Driver, ScriptedDriver
 from omni_sim.ground.friction import FrictionMap
-from omni_sim.imu import write_world
 from omni_sim.texture.cache import TextureCache
-from omni_sim.vehicle.loads import Overload
 from omni_sim.vehicle.mujoco_vehicle import build_vehicle
 from omni_sim.vehicle.suspension import swaying
 from omni_sim.velocity_sensor import VelocitySensor
@@ -68,6 +66,61 @@ class Observation:
     flows: Mapping[str, signals.Flow]
 
 
+class Overload:
+    """Records wheel loads above the largest load of the tire model during a run.
+
+    Attributes:
+        time: total time of overload since the start, summed over the wheels [s].
+    """
+
+    def __init__(
+        self, wheel_names: Sequence[str], model: str, limit: float, physics_step: float
+    ) -> None:
+        """Create a monitor that has recorded no overload.
+
+        Args:
+            wheel_names: wheel names in the order of all wheel arrays.
+            model: name of the tire model.
+            limit: largest load for which the model is valid [N].
+            physics_step: length of a step [s].
+        """
+        self.time = 0.0
+        self._names, self._model, self._limit = tuple(wheel_names), model, limit
+        self._step = physics_step
+        self._largest = np.zeros(len(self._names))
+
+    def update(self, load: quantities.FloatArray, overloaded_steps: int) -> bool:
+        """Record the wheel loads at the end of a control period.
+
+        Args:
+            load: wheel loads at the end of the period [N], shape (N,).
+            overloaded_steps: number of physics steps with overload since the start, summed over
+                wheels.
+
+        Returns:
+            Whether a wheel was overloaded within the period.
+        """
+        self._largest = np.maximum(self._largest, load)
+        before, self.time = self.time, overloaded_steps * self._step
+        return self.time > before
+
+    @property
+    def largest_load(self) -> dict[str, float]:
+        """Largest load of each overloaded wheel at the ends of the control periods [N], by name."""
+        loads = zip(self._names, self._largest.tolist(), strict=True)
+        return {name: load for name, load in loads if load > self._limit}
+
+    def sentence(self) -> str:
+        """Return a sentence that describes the overload."""
+        wheels = ", ".join(f"{name} up to {load:.0f} N" for name, load in self.largest_load.items())
+        return (
+            f"overload: wheels carried more than the {self._limit:.0f} N that the tire model "
+            f"{self._model} covers, for {self.time:.3g} s in total"
+            f"{f' ({wheels})' if wheels else ''}; their forces were computed at "
+            f"{self._limit:.0f} N"
+        )
+
+
 class Simulator:
     """Simulated vehicle with its driver and sensors.
 
@@ -96,6 +149,7 @@ class Simulator:
         self.configuration = configuration
         simulation = configuration.simulation
         self.control_period_ns = simulation.control_period_ns
+        self._steps = simulation.steps_per_period
         self._driver: Driver = driver or ScriptedDriver(configuration.maneuver)
         # Only the scripted driver keeps a direction that is fixed in the world.
         self._hold_world = driver is None and configuration.maneuver.hold_world_direction
@@ -146,7 +200,7 @@ class Simulator:
             cameras = LineCameraArray(
                 configuration.sensors, texture, configuration.camera, camera_seed
             )
-            step_ns = self.control_period_ns / simulation.steps_per_period
+            step_ns = self.control_period_ns / self._steps
             blurred = configuration.camera.exposure_time > 0.0
             self._lines = batches.LineExposures(cameras, step_ns, blurred=blurred)
             start = np.zeros((1, 6))
@@ -158,17 +212,18 @@ class Simulator:
     def observe(self) -> Observation:
         """Return state and measurements at the present stamp; repeated calls give equal results."""
         vehicle = self.vehicle
-        motion, wheels = vehicle.motion, vehicle.wheels
+        motion, wheels = vehicle.motion, vehicle.state.wheels.copy()
         pose, twist = motion[:3], motion[3:]
         steering_angle, steering_rate = vehicle.steering
         self._measure(motion)
+        pedal, command = self._driver.demand(self._stamp_ns, float(pose[2]))
         return Observation(
             stamp_ns=self._stamp_ns,
             wheel_angle=wheels["angle"],
             wheel_speed=wheels["speed"],
             brake_torque=wheels["brake"],
-            pedal=self._driver.pedal(self._stamp_ns),
-            command=self._driver.command_twist(self._stamp_ns, float(pose[2])),
+            pedal=pedal,
+            command=command,
             pose=pose,
             attitude=vehicle.attitude,
             twist=twist,
@@ -198,14 +253,14 @@ class Simulator:
         sample = self._velocity_sensor.measure(self._stamp_ns, motion[3:])
         self._taken_ns, self._reading = sample.stamp_ns, sample.value
         if len(self._path) == 1:
-            write_world(motion, self._path[0])
-        step_ns = period_ns / self.configuration.simulation.steps_per_period
+            measurement.write_world(motion, self._path[0])
+        step_ns = period_ns / self._steps
+        state = vehicle.state
+        tilt = float(state.body["tilt_x"][0]), float(state.body["tilt_y"][0])
         count = measurement.measure(
             self._instruments,
-            measurement.Truth(
-                step, period_ns, self._path, step_ns, vehicle.tilt, vehicle.state.wheels
-            ),
-            self._noise.standard_normal(measurement.draws(self._instruments)),
+            measurement.Truth(step, period_ns, self._path, step_ns, tilt, state.wheels),
+            self._noise.standard_normal(self._instruments.draws),
             measurement.Readings(self._reading, self._imu_ns, self._inertial, self._encoder),
         )
         self._imu = tuple(
@@ -227,27 +282,27 @@ class Simulator:
             self.vehicle.apply_brake_faults(start_ns * 1e-9)
         if self.configuration.vehicle.fork.time:
             self.vehicle.lift(start_ns * 1e-9)
-        ride, self._steering = self.vehicle.ride, self.vehicle.steering[0]
+        ride = self.vehicle.ride if self._sprung else None
+        self._steering = self.vehicle.steering[0]
+        pedal, command = self._driver.demand(start_ns, float(self.vehicle.pose[2]))
         trajectory = self.vehicle.advance(
-            self.configuration.simulation.steps_per_period,
-            self._driver.pedal(start_ns),
+            self._steps,
+            pedal,
             brake_enable,
-            self._driver.command_twist(start_ns, float(self.vehicle.pose[2])),
+            command,
             hold_world_direction=self._hold_world,
         )
         if self.configuration.imu.rate > 0.0:
             self._path = trajectory[1:]
-        self.overloaded = self.overload.update(
-            self.vehicle.wheels["load"], self.vehicle.overloaded_steps
-        )
+        loads = self.vehicle.state.wheels["load"]
+        self.overloaded = self.overload.update(loads, self.vehicle.overloaded_steps)
         self.tipping = self.vehicle.tipping
         self._stamp_ns = start_ns + self.control_period_ns
-        if self._sprung:
+        if ride is not None:
             height = self.vehicle.height
             period = self.configuration.simulation.control_period
             trajectory = swaying(trajectory, ride, self.vehicle.ride, height, period)
-        self._flow_sensors.advance(trajectory)
-        self._flows = self._flow_sensors.measure(self._stamp_ns)
+        self._flows = self._flow_sensors.measure(self._stamp_ns, trajectory)
         if self._lines is not None:
             self._batches = self._expose(self._lines, trajectory, start_ns)
 

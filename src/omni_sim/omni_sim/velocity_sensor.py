@@ -52,11 +52,14 @@ SENSOR_MEMORY = np.dtype(
 def sensor_constants(configuration: VelocitySensorConfiguration) -> SensorConstants:
     """Return the constants of the sensor for a configuration."""
     c = configuration
+    start = round(c.failure_time * SECOND_NS)
+    duration = round(c.failure_duration * SECOND_NS) if c.failure != "none" else 0
     return SensorConstants(
         round(c.sample_time * SECOND_NS),
         np.array([c.linear_noise, c.linear_noise, c.yaw_rate_noise]),
         np.array([c.offset_x, c.offset_y, c.yaw_rate_offset]),
-        *c.failure_ns,
+        start,
+        start + duration,
         c.failure == "frozen",
         math.nan if c.failure == "invalid" else 0.0,
     )

@@ -42,8 +42,7 @@ def test_a_steady_turn_is_measured_exactly_by_each_at_its_rate() -> None:
     measured = subject.measure(0)
     for i in range(1, 9):
         np.testing.assert_allclose(measured["front"].velocity, expected[0], rtol=1e-6)
-        subject.advance(circle(0.01 * (i - 1)))
-        measured = subject.measure(i * PERIOD_NS)
+        measured = subject.measure(i * PERIOD_NS, circle(0.01 * (i - 1)))
         assert list(measured) == (["front", "slow"] if i % 2 == 0 else ["front"])
         if "slow" in measured:
             np.testing.assert_allclose(measured["slow"].velocity, expected[1], rtol=1e-6)
@@ -54,8 +53,7 @@ def test_no_count_is_lost_and_the_covariance_is_that_of_the_errors() -> None:
     subject, truth = array(resolution=0.002, noise=0.001), (sensor_matrix(SENSORS) @ TWIST)[:2]
     velocities, stated = [], 0.0
     for i in range(1, 801):
-        subject.advance(circle(0.01 * (i - 1)))
-        flow = subject.measure(i * PERIOD_NS)["front"]
+        flow = subject.measure(i * PERIOD_NS, circle(0.01 * (i - 1)))["front"]
         velocities.append(flow.velocity)
         stated = float(flow.covariance[0, 0])
     errors = np.array(velocities) - truth
@@ -83,8 +81,8 @@ def test_faster_than_it_can_follow_it_reads_no_number() -> None:
 def test_one_fails_from_its_time_on(failure: str, share: float) -> None:
     subject = array(failing="front", failure=failure, failure_start=0.01)
     before = subject.measure(0)["front"].velocity
-    subject.advance(circle(0.0, 2.0 * TWIST) if failure == "frozen" else circle(0.0))
-    after = subject.measure(PERIOD_NS)["front"].velocity
+    path = circle(0.0, 2.0 * TWIST) if failure == "frozen" else circle(0.0)
+    after = subject.measure(PERIOD_NS, path)["front"].velocity
     np.testing.assert_allclose(after, share * before, rtol=1e-6)
 
 

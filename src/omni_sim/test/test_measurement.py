@@ -8,9 +8,14 @@ import pytest
 
 from omni_core.configuration import ConfigurationError
 from omni_core.quantities import GRAVITY, FloatArray
-from omni_sim.encoders import build_encoders, read_encoders
 from omni_sim.faults import build_faults, corrupt
-from omni_sim.imu import build_imu, read_imu, write_world
+from omni_sim.measurement import (
+    build_encoders,
+    build_imu,
+    read_encoders,
+    read_imu,
+    write_world,
+)
 from omni_sim.sensor_configuration import (
     CHANNELS,
     KINDS,

@@ -9,9 +9,8 @@ import pytest
 from numpy.typing import NDArray
 
 from linescan_odometry.configuration import OdometryConfiguration
-from linescan_odometry.joint.estimator import JointEstimator
+from linescan_odometry.joint.estimator import Heave, JointEstimator
 from linescan_odometry.joint.fit import UNSCALED, Scaling
-from linescan_odometry.joint.heave import Heave
 from linescan_odometry.plausibility import Plausibility
 from linescan_odometry.sensor import SensorOdometry
 from omni_core.sensors import LineSensor

@@ -1,7 +1,7 @@
 """Top view of braking: snapshots of every variant, like Figures 24 and 30 of the dissertation.
 
 Every variant or stop has a panel, all with the same scale, so that distances can be compared by
-eye. Times are counted from the start of braking; `snapshots` selects the moments.
+eye. Times are counted from the start of braking; `scene` selects the moments.
 """
 
 import dataclasses
@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from omni_runs.figures import scene as scenes
 from omni_runs.figures import style
 
 # isort: split
@@ -25,13 +26,6 @@ from matplotlib.transforms import Bbox
 
 from omni_core.geometry import PlatformGeometry
 from omni_core.quantities import FloatArray
-from omni_runs.figures.scene import Scene, overlap, placed, rectangle
-from omni_runs.figures.snapshots import (
-    Snapshots,
-    choose_snapshots,
-    snapshot_outlines,
-    velocity_arrow,
-)
 from omni_runs.history import RunHistory
 from omni_runs.metrics import run_metrics
 
@@ -59,7 +53,7 @@ _ENTRIES = 7  # number of entries in a row of the legend
 _LABEL_SIZE = 9.0  # font size of the labels of snapshots [points]
 
 
-def draw_ground(axes: Axes, scene: Scene) -> None:
+def draw_ground(axes: Axes, scene: scenes.Scene) -> None:
     """Shade the patches of different friction, each with its friction factor."""
     for patch in scene.patches:
         axes.add_patch(Polygon(patch.outline, zorder=1, **_patch_look(patch.friction)))
@@ -77,7 +71,7 @@ def draw_paths(axes: Axes, history: RunHistory) -> None:
 
 
 def draw_snapshot(
-    axes: Axes, scene: Scene, history: RunHistory, index: int, arrow_scale: float, age: float
+    axes: Axes, scene: scenes.Scene, history: RunHistory, index: int, arrow_scale: float, age: float
 ) -> None:
     """Draw the platform with its pose, velocity and brake pressures at one time stamp.
 
@@ -92,27 +86,29 @@ def draw_snapshot(
     pose = history.pose[index]
     layer = 3.0 + 4.0 * (1.0 - age)
     faint = 1.0 - 0.65 * age
-    chassis = placed(scene.chassis, pose)
+    chassis = scenes.placed(scene.chassis, pose)
     axes.add_patch(
         Polygon(chassis, facecolor=_CHASSIS, edgecolor=style.BLACK, alpha=faint, zorder=layer)
     )
     nose = scene.on_chassis((0.48, 0.0), (0.38, 0.06), (0.38, -0.06))
-    axes.add_patch(Polygon(placed(nose, pose), color=style.BLACK, alpha=faint, zorder=layer + 0.1))
+    axes.add_patch(
+        Polygon(scenes.placed(nose, pose), color=style.BLACK, alpha=faint, zorder=layer + 0.1)
+    )
     _draw_wheels(axes, scene, history, index, layer + 0.2, faint)
     if scene.load_arm is not None:
-        arm = placed(scene.load_arm, pose)
+        arm = scenes.placed(scene.load_arm, pose)
         axes.plot(arm[:, 0], arm[:, 1], alpha=faint, zorder=layer + 0.25, **_LOAD_ARM)
     for point, look, size in ((scene.load, _LOAD, 10.0), (scene.center_of_gravity, _GRAVITY, 7.0)):
         if point is not None:
-            x, y = placed(np.array([point]), pose)[0]
+            x, y = scenes.placed(np.array([point]), pose)[0]
             axes.plot([x], [y], markersize=size, alpha=faint, zorder=layer + 0.3, **look)
-    arrow = velocity_arrow(scene, history, index, arrow_scale)
+    arrow = scenes.velocity_arrow(scene, history, index, arrow_scale)
     if arrow is not None:
         axes.add_patch(FancyArrowPatch(*map(tuple, arrow), zorder=12, **_ARROW))
 
 
 def _draw_wheels(
-    axes: Axes, scene: Scene, history: RunHistory, index: int, layer: float, faint: float
+    axes: Axes, scene: scenes.Scene, history: RunHistory, index: int, layer: float, faint: float
 ) -> None:
     """Draw the wheels with their active directions at one time stamp.
 
@@ -131,11 +127,13 @@ def _draw_wheels(
     for row, (name, outline) in enumerate(zip(geometry.names, scene.wheel_outlines, strict=True)):
         color = style.wheel_color(row)
         face = _tinted(color, _share(history, index, name))
-        patch = Polygon(placed(outline, pose), facecolor=face, edgecolor=color, linewidth=1.4)
+        patch = Polygon(
+            scenes.placed(outline, pose), facecolor=face, edgecolor=color, linewidth=1.4
+        )
         patch.set(alpha=faint, zorder=layer)
         axes.add_patch(patch)
         reach = 0.6 * geometry.radius[row] * geometry.active[row]
-        ends = placed(geometry.position[row] + np.array([reach, -reach]), pose)
+        ends = scenes.placed(geometry.position[row] + np.array([reach, -reach]), pose)
         axes.plot(*ends.T, color=style.BLACK, linewidth=1.6, alpha=faint, zorder=layer + 0.05)
 
 
@@ -153,7 +151,7 @@ def _tinted(color: str, share: float) -> tuple[float, ...]:
     return tuple(1.0 - share * (1.0 - part) for part in to_rgb(color))
 
 
-def legend_handles(scene: Scene, fastest: float, time_label: str) -> list[Line2D | Patch]:
+def legend_handles(scene: scenes.Scene, fastest: float, time_label: str) -> list[Line2D | Patch]:
     """Return the legend entries of a top view.
 
     Args:
@@ -209,7 +207,9 @@ class _View:
         return dataclasses.replace(self, low=self.low + offset, high=self.high + offset)
 
 
-def top_view(scene: Scene, histories: Mapping[str, RunHistory], *, title: str = "") -> Figure:
+def top_view(
+    scene: scenes.Scene, histories: Mapping[str, RunHistory], *, title: str = ""
+) -> Figure:
     """Draw snapshots of every variant's braking from above.
 
     Args:
@@ -224,7 +224,7 @@ def top_view(scene: Scene, histories: Mapping[str, RunHistory], *, title: str = 
         raise ValueError("a top view needs at least one history")
     greatest = max(_greatest_speed(h, slice(h.brake_start or 0, None)) for h in histories.values())
     arrow_scale = _ARROW_LENGTH * scene.chassis_length / greatest if greatest > 0.0 else 0.0
-    snapshots = choose_snapshots(scene, histories, arrow_scale)
+    snapshots = scenes.choose_snapshots(scene, histories, arrow_scale)
     fastest = max(_greatest_speed(h, list(snapshots[n].indices)) for n, h in histories.items())
     view = _choose_view(scene, histories, snapshots, arrow_scale)
     handles = legend_handles(scene, fastest, style.time_label(histories.values()))
@@ -239,7 +239,7 @@ def top_view(scene: Scene, histories: Mapping[str, RunHistory], *, title: str = 
         chosen = snapshots[name].indices
         for age, index in enumerate(reversed(chosen)):
             draw_snapshot(axes, scene, history, index, arrow_scale, age / len(chosen))
-        covered = [snapshot_outlines(scene, history, i, arrow_scale) for i in chosen]
+        covered = [scenes.snapshot_outlines(scene, history, i, arrow_scale) for i in chosen]
         _label_snapshots(axes, covered, snapshots[name].labels, here)
     return figure
 
@@ -250,9 +250,9 @@ def _greatest_speed(history: RunHistory, stamps: slice | list[int]) -> float:
 
 
 def _choose_view(
-    scene: Scene,
+    scene: scenes.Scene,
     histories: Mapping[str, RunHistory],
-    snapshots: Mapping[str, Snapshots],
+    snapshots: Mapping[str, scenes.Snapshots],
     arrow_scale: float,
     height: float = 10.0,
     lowest: float = 1.3,
@@ -271,7 +271,7 @@ def _choose_view(
     points = []
     for name, history in histories.items():
         indices = list(snapshots[name].indices)
-        own = [placed(scene.drawn_points, history.pose[index]) for index in indices]
+        own = [scenes.placed(scene.drawn_points, history.pose[index]) for index in indices]
         own.append(history.pose[indices, :2] + arrow_scale * history.velocity_world[indices])
         own.append(history.pose[indices[0] :, :2])
         points += [part - offsets[name] for part in own]
@@ -294,7 +294,7 @@ def _choose_view(
     return _View(low - slack / 2.0, high + slack / 2.0, offsets, side_by_side, scale)
 
 
-def _offsets(scene: Scene, histories: Mapping[str, RunHistory]) -> dict[str, FloatArray]:
+def _offsets(scene: scenes.Scene, histories: Mapping[str, RunHistory]) -> dict[str, FloatArray]:
     """Return the offset of each panel's area from that of the first panel [m], shape (2,).
 
     All panels show the same area, unless the runs brake at different places, as in a drive with
@@ -356,8 +356,8 @@ def _label_snapshots(
         for center in _label_places(covered[place][0], size, view.side_by_side):
             box = Bbox([center - size / 2.0, center + size / 2.0])
             on_page = np.all(box.min > view.low) and np.all(box.max < view.high)
-            corners = rectangle(*size.tolist()) + center
-            crowded = any(overlap(corners, outline) for outline in outlines)
+            corners = scenes.rectangle(*size.tolist()) + center
+            crowded = any(scenes.overlap(corners, outline) for outline in outlines)
             if on_page and not crowded and not box.count_overlaps(taken):
                 taken.append(box)
                 halo = [Stroke(linewidth=3, foreground="white"), Normal()]

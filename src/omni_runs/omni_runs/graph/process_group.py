@@ -17,6 +17,7 @@ from omni_core.configuration import WorkError
 from omni_runs.graph.fork_server import start_process
 
 _COLORS = re.compile(r"\x1b\[[0-9;]*m")  # colors of DDS messages
+HALTED = "{} was halted by a signal during the run, which makes the run invalid"
 
 
 class ProcessError(WorkError):
@@ -252,7 +253,10 @@ class ProcessGroup:
                 raise ProcessError(describe_end(process))
 
     def raise_if_failed(self) -> None:
-        """Raise `ProcessError` if a process ended with an error; all processes must have ended."""
+        """Raise `ProcessError` if one of the ended processes was halted or ended with an error."""
+        for process in self.running:
+            if process.was_halted:
+                raise ProcessError(HALTED.format(process.node.name))
         for process in self.running:
             if process.returncode != 0:
                 raise ProcessError(describe_end(process))

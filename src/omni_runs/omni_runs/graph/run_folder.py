@@ -14,7 +14,7 @@ from typing import Any
 
 from mcap.writer import MCAP0_MAGIC
 
-from omni_core.commands.command_report import printable, write_text
+from omni_core.commands.command_report import make_folder, printable, write_text
 from omni_core.configuration import ConfigurationError, to_mapping
 from omni_recording.safe_yaml import in_yaml
 from omni_runs.experiment import CONFIGURATION, ExperimentConfiguration
@@ -52,6 +52,11 @@ def unused(folder: Path, option: str = "--out") -> Path:
             option, f"{folder} exists and is not an empty folder; choose another"
         )
     return folder
+
+
+def new_folder(folder: Path) -> Path:
+    """Create a results folder, which must be new or empty, and return it."""
+    return make_folder(unused(folder))
 
 
 def time_in_name() -> str:

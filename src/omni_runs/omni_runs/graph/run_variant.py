@@ -26,8 +26,6 @@ from omni_runs.metrics import Metric, still_rolls
 from omni_runs.recorded_run import read_run
 from omni_runs.stops import drive_metrics, named_stops, stop_metrics
 
-_HALTED = "{} was halted by a signal during the run, which makes the run invalid"
-
 Progress = Callable[[Mapping[str, float]], None]
 # Limit on the time without a report [s]; kernels may have to be compiled first.
 _REPORT_TIMEOUT = 300.0
@@ -159,14 +157,14 @@ def run_variant(
                 write_beside_bag(configuration, folder, recorder)
                 report = yield from _follow(group, simulator, on_progress)
                 check_report(report)
-            _check_life(group)  # the nodes end before the recorder
+            group.raise_if_failed()  # the nodes end before the recorder
             processes.check_counts(recorder.new_reports(), report["sent"])
         except processes.ProcessError as error:
             # A node that waits for a halted node stops sending too, so the halted node is reported
             # as the cause.
             halted = (one.node.name for one in group.running if one.was_halted)
             cause = next((name for name in halted if name != simulator.node.name), None)
-            raise RunError(_HALTED.format(cause) if cause else str(error)) from None
+            raise RunError(processes.HALTED.format(cause) if cause else str(error)) from None
     return functools.partial(measured, report, variant, folder, configuration)
 
 
@@ -250,7 +248,7 @@ def _follow(
     if simulator.returncode != 0 or "finished" not in report:
         raise processes.ProcessError(processes.describe_end(simulator))
     if simulator.was_halted:
-        raise processes.ProcessError(_HALTED.format(simulator.node.name))
+        raise processes.ProcessError(processes.HALTED.format(simulator.node.name))
     return report
 
 
@@ -274,15 +272,3 @@ def check_report(report: Mapping[str, Any], longest_silence: float = 1.0) -> Non
         raise processes.ProcessError(
             f"{node} published nothing for {silence:.1f} s: the vehicle braked on all wheels"
         )
-
-
-def _check_life(group: processes.ProcessGroup) -> None:
-    """Check that all nodes ran until the end and then ended without an error.
-
-    Raises:
-        ProcessError: a node has failed; the message names it.
-    """
-    for process in group.running:
-        if process.was_halted:
-            raise processes.ProcessError(_HALTED.format(process.node.name))
-    group.raise_if_failed()

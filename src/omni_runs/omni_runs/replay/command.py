@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from omni_core.commands.command_options import CommandOptions, option, overrides_option
-from omni_core.commands.command_report import Report, entries, make_folder
+from omni_core.commands.command_report import Report, entries
 from omni_core.configuration import ConfigurationError, WorkError
 from omni_runs.workspace import ExperimentWorkspace
 
@@ -82,7 +82,7 @@ def run(options: Options, workspace: ExperimentWorkspace) -> Report:
         lacking = ", ".join(sorted(plan.outputs.keys() - known))
         raise BagError(bag.path, f"contains no recorded results on {lacking} to compare with")
     default = beside(options.bag, f"replayed_{run_folder.time_in_name()}")
-    folder = make_folder(run_folder.unused(options.out or default))
+    folder = run_folder.new_folder(options.out or default)
     try:
         replay_offline(bag, plan, folder)
         run_folder.write_configuration(configuration, folder)

@@ -19,7 +19,7 @@ from omni_core.commands import command_report, interruption
 from omni_core.commands.command_options import CommandOptions, option
 from omni_core.commands.workspace import progress_bar
 from omni_core.configuration import ConfigurationError, InputError, WorkError, check_choice
-from omni_runs.options import LoopOptions, is_swept
+from omni_runs.options import LoopOptions
 from omni_runs.workspace import ExperimentWorkspace, remarks_on
 
 if TYPE_CHECKING:
@@ -73,7 +73,7 @@ def run(options: Options, workspace: ExperimentWorkspace) -> command_report.Repo
     """Check the configuration, make the folder, run every variant, draw the figures, report."""
     from omni_runs.graph.fork_server import start_fork_server
 
-    if any(map(is_swept, options.changes)):
+    if options.swept:
         from omni_runs.sweep.command import run_sweep
 
         if options.real_time or options.replace:
@@ -112,19 +112,19 @@ def _checked_configurations(
     ]
     for _, _, configuration in runs:
         configuration.check_drivable()
-    prepare_grounds((configuration for _, _, configuration in runs), TextureCache.of_user())
+    prepare_grounds([configuration for _, _, configuration in runs], TextureCache.of_user())
     return runs
 
 
 def _result_folder(options: Options, workspace: ExperimentWorkspace) -> Path:
     from omni_runs.experiment import short_name
     from omni_runs.graph.domain import reserved_domain
-    from omni_runs.graph.run_folder import time_in_name, unused
+    from omni_runs.graph.run_folder import new_folder, time_in_name
 
     with reserved_domain():
         pass  # Fail before the folder is created; each run reserves a domain again.
     default = workspace.folder / "bags" / short_name(options.experiment) / time_in_name()
-    return command_report.make_folder(unused(options.out or default))
+    return new_folder(options.out or default)
 
 
 def _run_variants(

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-from omni_core.commands.command_report import Report, make_folder
+from omni_core.commands.command_report import Report
 from omni_runs.workspace import ExperimentWorkspace
 
 if TYPE_CHECKING:
@@ -31,14 +31,14 @@ def run_sweep(
     from omni_runs.experiment import short_name
     from omni_runs.figures.style import save_figure
     from omni_runs.figures.tables.data_table import write_table
-    from omni_runs.graph.run_folder import time_in_name, unused
+    from omni_runs.graph.run_folder import new_folder, time_in_name
     from omni_runs.metrics import results_document
     from omni_runs.sweep.figure import sweep_figure
     from omni_runs.sweep.sweep import sweep
 
     name = short_name(options.experiment)
     default = f"{name}_{time_in_name()}"
-    folder = make_folder(unused(workspace.results(options.out, "sweeps", default)))
+    folder = new_folder(workspace.results(options.out, "sweeps", default))
     with workspace.progress() as report:
         runs = sweep(configurations, report)
     cases = {f"{run.variant}_{index}": run for index, run in enumerate(runs, 1)}

@@ -107,47 +107,28 @@ class CameraConfiguration(Configuration):
     faults: Mapping[str, CameraFault] = section(dict)
     """Faults that begin and end during a run, keyed by name"""
 
-    @property
-    def noise_deviation(self) -> float:
-        """Standard deviation of the noise, in gray levels of an 8-bit scale."""
-        if self.signal_to_noise_db > 0.0:
-            return float(FULL_SCALE / 10.0 ** (self.signal_to_noise_db / 20.0))
-        return self.noise
-
-    @property
-    def magnification(self) -> float:
-        """Ratio of the visible length of ground to the configured length of the field of view [1].
-
-        For an ordinary lens, this is 1 + height error / working distance.
-        """
-        if self.lens == TELECENTRIC:
-            return 1.0
-        return 1.0 + self.height_error / self.working_distance
-
-    def widening(self, rise: float) -> float:
-        """Return the factor [1] by which the view widens if the camera rises by `rise` [m].
-
-        The factor is limited to `most_widening` and its inverse.
-        """
-        if self.lens == TELECENTRIC:
-            return 1.0
-        widened = 1.0 + rise / (self.working_distance + self.height_error)
-        return min(max(widened, 1.0 / _MOST_WIDENING), _MOST_WIDENING)
-
-    def defocus(self, rise: float) -> float:
-        """Return the standard deviation of the blur on the ground by defocus [m].
+    def focus(self, rise: float) -> tuple[float, float]:
+        """Return how a view changes if the camera rises.
 
         The rays of a point form a disk of the radius ``N.A. |z|`` at the distance z from the focal
         plane. The blur is a Gaussian with the variance of this disk along a line, ``radius^2 / 4``.
 
         Args:
             rise: height of the camera above its mounting height [m].
+
+        Returns:
+            Factor [1] by which the view widens, limited to the widening that `most_widening`
+            allows and its inverse; standard deviation of the blur on the ground by defocus [m].
         """
-        return 0.5 * self.numerical_aperture * abs(self.height_error + rise)
+        blur = 0.5 * self.numerical_aperture * abs(self.height_error + rise)
+        if self.lens == TELECENTRIC:
+            return 1.0, blur
+        widened = 1.0 + rise / (self.working_distance + self.height_error)
+        return min(max(widened, 1.0 / _MOST_WIDENING), _MOST_WIDENING), blur
 
     @property
     def most_widening(self) -> float:
-        """Largest factor by which a view is longer than configured, by `widening` and defocus [1].
+        """Largest factor by which a view is longer than configured, by widening and defocus [1].
 
         Defocus needs light from beyond the ends of the view.
         """

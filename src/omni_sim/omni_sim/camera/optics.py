@@ -1,15 +1,23 @@
 """Optics, dirt, motion blur and faulty pixels of the cameras."""
 
+from __future__ import annotations
+
 import dataclasses
 import math
 from collections.abc import Mapping
+from typing import NamedTuple
 
 import numpy as np
 
 from omni_core.configuration import ConfigurationError
 from omni_core.quantities import Float32Array, FloatArray, IntArray
 from omni_core.sensors import LineSensor
-from omni_sim.camera.configuration import BLUR_MARGIN, FULL_SCALE, CameraConfiguration
+from omni_sim.camera.configuration import (
+    BLUR_MARGIN,
+    FULL_SCALE,
+    TELECENTRIC,
+    CameraConfiguration,
+)
 
 _SAMPLES_PER_PIXEL = 4  # samples per pixel of motion along the axis in a blurred line
 _SAMPLES_PER_WIDTH = 16  # samples per width of motion across the axis in a blurred line
@@ -19,16 +27,50 @@ _BLUR_REACH = 4.0  # standard deviations beyond which blur is neglected
 _PENUMBRA = 0.002  # width of the soft edge of a shadow [m]
 
 
-def seen(sensor: LineSensor, configuration: CameraConfiguration) -> LineSensor:
-    """Return a copy of a sensor with the field of view that results from the actual height.
+class Optics(NamedTuple):
+    """What the optics of a camera do to the light from the ground.
+
+    Attributes:
+        view: the camera, with the field of view that results from its actual height.
+        transmission: factor by which optics and pixel gain scale the light on each pixel [1], shape
+            (pixels,); None if there is no loss and all gains are equal.
+        faults: faults of the pixels; None if no pixel is faulty.
+    """
+
+    view: LineSensor
+    transmission: Float32Array | None
+    faults: PixelFaults | None
+
+
+def optics_of(
+    sensors: Mapping[str, LineSensor],
+    configuration: CameraConfiguration,
+    keys: Mapping[str, np.uint64],
+) -> dict[str, Optics]:
+    """Return the optics of all cameras, keyed by name.
+
+    Args:
+        sensors: mounting position and field of view of each camera, keyed by name.
+        configuration: exposure and optics of all cameras.
+        keys: key of each camera's noise, keyed by name.
 
     Raises:
-        ConfigurationError: the resulting field of view is larger than permitted.
+        ConfigurationError: an exposure lasts longer than a line period, or a field of view is
+            larger than permitted.
     """
-    scale = configuration.magnification
-    if scale == 1.0:
-        return sensor
-    return dataclasses.replace(sensor, length=sensor.length * scale, width=sensor.width * scale)
+    check_exposure(sensors, configuration)
+    scale = 1.0
+    if configuration.lens != TELECENTRIC:
+        scale += configuration.height_error / configuration.working_distance
+    made = {}
+    for name, sensor in sensors.items():
+        view, key = sensor, keys[name]
+        if scale != 1.0:
+            length, width = sensor.length * scale, sensor.width * scale
+            view = dataclasses.replace(sensor, length=length, width=width)
+        lost = transmission(sensor, configuration, key)
+        made[name] = Optics(view, lost, pixel_faults(sensor, configuration, key))
+    return made
 
 
 def check_exposure(sensors: Mapping[str, LineSensor], configuration: CameraConfiguration) -> None:

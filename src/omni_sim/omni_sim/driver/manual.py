@@ -86,20 +86,16 @@ class ManualDriver:
 
     Attributes:
         start_pose: x, y [m], yaw [rad] of base_link in the world frame at the start, shape (3,).
+        start_twist: twist of base_link at the start, zero [m/s, m/s, rad/s], shape (3,).
     """
 
     def __init__(
         self, configuration: ManualDriverConfiguration, maneuver: ManeuverConfiguration
     ) -> None:
         self._limits = configuration
-        self.start_pose = ScriptedDriver(maneuver).start_pose
+        self.start_pose, self.start_twist = ScriptedDriver(maneuver).start_pose, np.zeros(3)
         self._pedal = FULL_BRAKING
         self._command = np.zeros(3)
-
-    @property
-    def start_twist(self) -> FloatArray:
-        """Twist of base_link at the start, zero, shape (3,)."""
-        return np.zeros(3)
 
     def halt(self) -> None:
         """Set the velocity command to zero; used after the vehicle was moved to another pose."""
@@ -129,10 +125,9 @@ class ManualDriver:
         change[2] = min(max(change[2], -turn), turn)
         self._command = self._command + change
 
-    def pedal(self, _stamp_ns: int) -> float:
-        """Return the position of the brake pedal, 0 to 1."""
-        return self._pedal
+    def demand(self, _stamp_ns: int, _yaw: float) -> tuple[float, FloatArray]:
+        """Return the position of the brake pedal, 0 to 1, and the commanded body twist, shape (3,).
 
-    def command_twist(self, _stamp_ns: int, _yaw: float) -> FloatArray:
-        """Return the commanded body twist of base_link [m/s, m/s, rad/s], shape (3,)."""
-        return self._command.copy()
+        The twist is in m/s, m/s, rad/s.
+        """
+        return self._pedal, self._command.copy()

@@ -16,19 +16,16 @@ from omni_sim.vehicle.dynamics import in_turned_frame
 class Driver(Protocol):
     """Interface of a driver: pedal positions and velocity commands over time."""
 
-    @property
-    def start_pose(self) -> FloatArray:
-        """x, y [m], yaw [rad] of base_link in the world frame at the start, shape (3,)."""
+    start_pose: FloatArray
+    """x, y [m], yaw [rad] of base_link in the world frame at the start, shape (3,)"""
+    start_twist: FloatArray
+    """Twist of base_link in the body frame at the start [m/s, m/s, rad/s], shape (3,)"""
 
-    @property
-    def start_twist(self) -> FloatArray:
-        """Twist of base_link in the body frame at the start [m/s, m/s, rad/s], shape (3,)."""
+    def demand(self, stamp_ns: int, yaw: float, /) -> tuple[float, FloatArray]:
+        """Return the position of the brake pedal, 0 to 1, and the commanded body twist, shape (3,).
 
-    def pedal(self, stamp_ns: int, /) -> float:
-        """Return the position of the brake pedal, 0 to 1, at a stamp [ns]."""
-
-    def command_twist(self, stamp_ns: int, yaw: float, /) -> FloatArray:
-        """Return the commanded body twist [m/s, m/s, rad/s] at a stamp [ns] and a yaw [rad]."""
+        Arguments are a stamp [ns] and the yaw of the body [rad]; the twist is in m/s, m/s, rad/s.
+        """
 
 
 class ScriptedDriver:
@@ -37,6 +34,7 @@ class ScriptedDriver:
     Attributes:
         configuration: the maneuver.
         start_pose: x, y [m], yaw [rad] of base_link in the world frame at the start, shape (3,).
+        start_twist: twist of base_link in the body frame at the start [m/s, m/s, rad/s], (3,).
     """
 
     def __init__(self, configuration: ManeuverConfiguration) -> None:
@@ -49,9 +47,9 @@ class ScriptedDriver:
         c, direction = configuration, math.radians(configuration.direction_deg)
         self.start_pose: FloatArray = np.array([c.x, c.y, math.radians(c.heading_deg)])
         along, left = c.speed * math.cos(direction), c.speed * math.sin(direction)
-        self._cruise: FloatArray = np.array([along, left, math.radians(c.yaw_rate_deg)])
+        self.start_twist: FloatArray = np.array([along, left, math.radians(c.yaw_rate_deg)])
         if self._times.size:
-            self._cruise = self._row(0)[:3]
+            self.start_twist = self._row(0)[:3]
 
     def _row(self, stamp_ns: int) -> FloatArray:
         """Return the demands of the table at a stamp [ns], shape (4,).
@@ -60,11 +58,6 @@ class ScriptedDriver:
         """
         time = stamp_ns * 1e-9
         return np.array([np.interp(time, self._times, column) for column in self._rows])
-
-    @property
-    def start_twist(self) -> FloatArray:
-        """Twist of base_link in the body frame at the start [m/s, m/s, rad/s], shape (3,)."""
-        return self._cruise.copy()
 
     @property
     def first_change_ns(self) -> int:
@@ -78,22 +71,8 @@ class ScriptedDriver:
             return round(float(self._times[-1]) * SECOND_NS)
         return self._brake_ns + self._ramp_ns
 
-    def pedal(self, stamp_ns: int) -> float:
-        """Return the position of the brake pedal, 0 to 1.
-
-        Args:
-            stamp_ns: time since the start of the run [ns].
-        """
-        if self._times.size:
-            return float(self._row(stamp_ns)[3])
-        elapsed = stamp_ns - self._brake_ns
-        if elapsed < 0:
-            return 0.0
-        share = 1.0 if elapsed >= self._ramp_ns else elapsed / self._ramp_ns
-        return self.configuration.pedal * share
-
-    def command_twist(self, stamp_ns: int, yaw: float) -> FloatArray:
-        """Return the commanded twist of base_link at a time.
+    def demand(self, stamp_ns: int, yaw: float) -> tuple[float, FloatArray]:
+        """Return the position of the brake pedal, and the commanded twist of base_link.
 
         Without a table of demands, the command is constant until the pedal reaches its final
         position, so that the drive does not brake before its clutch opens. From then on, the
@@ -104,14 +83,17 @@ class ScriptedDriver:
             yaw: yaw of the body in the world frame [rad].
 
         Returns:
-            Commanded twist in the body frame [m/s, m/s, rad/s], shape (3,).
+            Position of the pedal, 0 to 1; twist in the body frame [m/s, m/s, rad/s], shape (3,).
         """
-        if self._times.size and stamp_ns < self.settled_ns:
-            return self._row(stamp_ns)[:3]
-        if self._times.size or stamp_ns - self._brake_ns >= self._ramp_ns:
-            return np.zeros(3)
-        twist = self.start_twist
+        if self._times.size:
+            row = self._row(stamp_ns)
+            return float(row[3]), row[:3] if stamp_ns < self.settled_ns else np.zeros(3)
+        elapsed = stamp_ns - self._brake_ns
+        if elapsed >= self._ramp_ns:
+            return self.configuration.pedal, np.zeros(3)
+        pedal = self.configuration.pedal * (elapsed / self._ramp_ns) if elapsed > 0 else 0.0
+        twist = self.start_twist.copy()
         if self.configuration.hold_world_direction:
             turned = yaw - math.radians(self.configuration.heading_deg)
             twist[:2] = in_turned_frame(twist[0], twist[1], turned)
-        return twist
+        return pedal, twist

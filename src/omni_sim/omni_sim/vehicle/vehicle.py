@@ -50,6 +50,8 @@ class Vehicle:
         masses: body and load together.
         physics_step: length of a step [s].
         state: state of the kernels, not a copy; changed by `advance` and `place`.
+        wheel_names: names of the wheels, in the order of all arrays of wheel quantities.
+        uneven: whether the ground has a slope, a wave or a bump.
         height: present height of the center of gravity [m]; `lift` changes it.
         tipping: whether fewer than three wheels carried the vehicle in any step of the last call of
             `advance`.
@@ -90,9 +92,11 @@ class Vehicle:
                 warnings.warn(remark, ConfigurationWarning, stacklevel=2)
         self.configuration = configuration
         self.kinematics = kinematics.PlatformKinematics.of(configuration.wheels)
+        self.wheel_names = self.kinematics.geometry.names
         self.masses = configuration.masses
         self.physics_step = physics_step
         self.state = self._build_state(friction or FrictionMap(), elevation)
+        self.uneven = len(self.state.terrain.parts) > 0
         n = len(configuration.wheels)
         self._rest = np.zeros(3)
         if self.state.suspension.stiffness > 0.0:
@@ -245,11 +249,6 @@ class Vehicle:
         )
 
     @property
-    def wheel_names(self) -> tuple[str, ...]:
-        """Names of the wheels, in the order of all arrays of wheel quantities."""
-        return self.kinematics.geometry.names
-
-    @property
     def pose(self) -> quantities.FloatArray:
         """x, y [m], yaw [rad, not wrapped] of base_link in the world frame, shape (3,)."""
         return self.motion[:3]
@@ -260,11 +259,6 @@ class Vehicle:
         motion = np.empty(6)
         dynamics.base_motion(self.state.body[0], self.state.plant.center, motion)
         return motion
-
-    @property
-    def tilt(self) -> quantities.Pair:
-        """Horizontal components of the path plane's unit normal, see `uneven_ground` [1]."""
-        return float(self.state.body["tilt_x"][0]), float(self.state.body["tilt_y"][0])
 
     @property
     def twist(self) -> quantities.FloatArray:
@@ -285,11 +279,6 @@ class Vehicle:
         rise = uneven_ground.orientation(float(self.state.body[0]["yaw"]), forward, left)[2]
         height -= float(rise[:2] @ self.masses.center)
         return np.array([height, math.atan2(rise[1], rise[2]), -math.asin(rise[0])])
-
-    @property
-    def uneven(self) -> bool:
-        """Whether the ground has a slope, a wave or a bump."""
-        return len(self.state.terrain.parts) > 0
 
     @property
     def ride(self) -> quantities.FloatArray:

@@ -75,31 +75,31 @@ def test_it_starts_at_rest_and_braked_where_the_maneuver_starts() -> None:
     one = driver()
     np.testing.assert_allclose(one.start_pose, [1.0, 0.0, math.pi / 2])
     np.testing.assert_array_equal(one.start_twist, 0.0)
-    assert one.pedal(0) == 1.0
+    assert one.demand(0, 0.0)[0] == 1.0
 
 
 def test_the_command_reaches_its_target_within_the_acceleration() -> None:
     one, period, target = driver(), 0.01, np.array([3.0, -4.0, 0.6])
-    before = one.command_twist(0, 0.0)
+    before = one.demand(0, 0.0)[1]
     for _ in range(249):
         one.steer(0.0, target, np.zeros(3), period)
-        now = one.command_twist(0, 0.0)
+        now = one.demand(0, 0.0)[1]
         assert np.hypot(*(now - before)[:2]) <= 2.0 * period * (1.0 + 1e-12)
         assert abs(now[2] - before[2]) <= 3.0 * period * (1.0 + 1e-12)
         before = now
     # 5 m/s at 2 m/s^2 take 2.5 s.
     assert np.hypot(*before[:2]) == pytest.approx(2.0 * 2.49)
     one.steer(0.0, target, np.zeros(3), period)
-    np.testing.assert_allclose(one.command_twist(0, 0.0), target)
+    np.testing.assert_allclose(one.demand(0, 0.0)[1], target)
 
 
 def test_after_braking_the_drive_takes_up_the_velocity_that_is_left() -> None:
     one, left = driver(), np.array([2.0, 0.3, -0.1])
     one.steer(0.5, FORWARD, left, 0.01)
-    assert one.pedal(0) == 0.5
-    np.testing.assert_array_equal(one.command_twist(0, 0.0), left)
+    assert one.demand(0, 0.0)[0] == 0.5
+    np.testing.assert_array_equal(one.demand(0, 0.0)[1], left)
     one.steer(0.0, left, np.zeros(3), 0.01)
-    np.testing.assert_array_equal(one.command_twist(0, 0.0), left)
+    np.testing.assert_array_equal(one.demand(0, 0.0)[1], left)
 
 
 def test_the_vehicle_goes_where_it_is_steered_and_stops_when_braked(

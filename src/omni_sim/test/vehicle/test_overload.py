@@ -9,9 +9,8 @@ import pytest
 
 from omni_sim.configuration import SimulationConfiguration, SimulatorConfiguration
 from omni_sim.driver.configuration import ManeuverConfiguration
-from omni_sim.simulator import Simulator
+from omni_sim.simulator import Overload, Simulator
 from omni_sim.vehicle.configuration import VehicleConfiguration
-from omni_sim.vehicle.loads import Overload
 
 
 def simulate(vehicle: VehicleConfiguration, periods: int) -> tuple[Simulator, list[bool]]:

@@ -177,7 +177,7 @@ def defocus_metrics() -> dict[str, Metric]:
         sensor = LineSensor(x=0.0, y=0.0, heading_deg=0.0, length=0.8 * size)
         cameras = LineCameraArray({"": sensor}, ground, optics, np.random.SeedSequence(0))
         contrast[height] = float(np.ptp(cameras.cameras[""].grays(np.zeros((1, 3)))))
-        closed[height] = math.exp(-2.0 * (math.pi * optics.defocus(0.0) / _PERIOD) ** 2)
+        closed[height] = math.exp(-2.0 * (math.pi * optics.focus(0.0)[1] / _PERIOD) ** 2)
     return {
         f"{quantity}.{1e3 * height:.0f}_mm": Metric(values[height] / values[0.0], "1")
         for quantity, values in {
