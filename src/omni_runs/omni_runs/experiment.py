@@ -153,7 +153,7 @@ class ExperimentLibrary:
         wheels = vehicle.get("wheels") if isinstance(vehicle, Mapping) else None
         yaml_files.set_default(tree, "brake_assist", "wheels", wheels)
         if isinstance(vehicle, Mapping):
-            yaml_files.check_complete(vehicle, _REQUIRED, "vehicle", experiment)
+            _check_vehicle(vehicle, "vehicle", experiment)
             for name in ("brake", "wheel_inertia"):
                 yaml_files.set_default(tree, "brake_assist", name, vehicle.get(name))
         _share_period(tree)
@@ -226,10 +226,10 @@ class ExperimentLibrary:
             if kind is not None and isinstance(value, str):
                 named = _nearest(self.located(kind, value), near)
                 part = self._read(kind, named, path)
-                if kind == "vehicles":
-                    yaml_files.check_complete(part, _REQUIRED, path, named)
                 beside = Path(named).parent if named.endswith(".yaml") else None
                 resolved[key] = yaml_files.Part(self._resolve(part, path, beside))
+                if kind == "vehicles":
+                    _check_vehicle(resolved[key], path, named)
             elif isinstance(value, Mapping):
                 resolved[key] = self._resolve(value, path, near)
             else:
@@ -310,6 +310,34 @@ def _nearest(name: str, near: Path | None) -> str:
     if near is not None and name.endswith(".yaml") and isfile(near / name):
         return str(near / name)
     return name
+
+
+def _check_vehicle(vehicle: Mapping[str, Any], key: str, name: str) -> None:
+    """Check that a vehicle defines all values that have no sensible default.
+
+    Args:
+        vehicle: nested values of the vehicle.
+        key: dotted key of the vehicle, for the error message.
+        name: name or file of the vehicle, for the error message.
+
+    Raises:
+        ConfigurationError: a value is missing, or a key is unknown, perhaps a misspelled one.
+    """
+    for one in _REQUIRED:
+        value: Any = vehicle
+        for part in one.split("."):
+            value = value.get(part) if isinstance(value, Mapping) else vehicle
+        if value is None:
+            try:
+                declared.from_mapping(VehicleConfiguration, vehicle, key)
+            except declared.ConfigurationError as error:
+                if isinstance(error, declared.UnknownKeyError):
+                    raise
+            raise declared.ConfigurationError(
+                declared.join_key(key, one),
+                f"is missing in {name} and has no default; measure it, or use the estimate of "
+                "./omni new-vehicle",
+            )
 
 
 def _take_names(

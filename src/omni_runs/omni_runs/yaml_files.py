@@ -6,7 +6,7 @@ The layers are nested mappings, which come from files and overrides.
 import functools
 import math
 import re
-from collections.abc import Collection, Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -176,32 +176,6 @@ def emptied(layer: Mapping[str, Any], entries: Collection[str], prefix: str = ""
         else:
             result[key] = value
     return result
-
-
-def check_complete(
-    vehicle: Mapping[str, Any], required: Iterable[str], key: str, name: str
-) -> None:
-    """Check that a vehicle defines all values that have no sensible default.
-
-    Args:
-        vehicle: nested values of the vehicle.
-        required: dotted keys of these values.
-        key: dotted key of the vehicle, for the error message.
-        name: name or file of the vehicle, for the error message.
-
-    Raises:
-        ConfigurationError: a value is missing.
-    """
-    for one in required:
-        value: Any = vehicle
-        for part in one.split("."):
-            value = value.get(part) if isinstance(value, Mapping) else vehicle
-        if value is None:
-            raise ConfigurationError(
-                join_key(key, one),
-                f"is missing in {name} and has no default; measure it, or use the estimate of "
-                "./omni new-vehicle",
-            )
 
 
 def set_default(tree: dict[str, Any], node: str, name: str, truth: Any) -> None:
