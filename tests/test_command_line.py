@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import errno
 import os
+import re
 import resource
 import signal
 import subprocess
@@ -109,6 +110,23 @@ def test_settings_of_a_notebook_or_of_no_terminal_change_no_result(
         timeout=RUN_TIMEOUT,
     )  # fmt: skip
     assert finished.returncode == 0, finished.stderr
+
+
+@pytest.mark.parametrize(
+    ("mass", "words"),
+    [
+        ("30000", "rollers.stiffness: .* check them and their units"),
+        ("0,5", "--mass: '0,5' is a text, must be a number in kg, without its unit"),
+    ],
+)
+def test_a_vehicle_of_wrong_numbers_is_refused_and_leaves_no_files(
+    mass: str, words: str, tmp_path: Path
+) -> None:
+    size = ("--length", "0.58", "--width", "0.38", "--wheel-radius", "0.05")
+    finished = omni_here(["new-vehicle", "x", *size, "--mass", mass, "--out", str(tmp_path)])
+    assert finished.returncode == 2
+    assert re.search(words, finished.stderr)
+    assert not list(tmp_path.iterdir())
 
 
 def test_a_folder_with_something_in_it_is_left_alone(tmp_path: Path) -> None:
