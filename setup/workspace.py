@@ -21,6 +21,8 @@ FOREIGN_VARIABLES = (
     *("PYTHONHOME", "VIRTUAL_ENV", "AMENT_PREFIX_PATH", "COLCON_PREFIX_PATH"),
     *("ROS_DISTRO", "ROS_VERSION", "ROS_PYTHON_VERSION", "_ROS_WHEELS_BOOTSTRAP_COMPLETE"),
     *("OMNI_RUNNING", "PIP_TARGET", "PIP_PREFIX", "PIP_ROOT", "PIP_USER"),
+    # Help texts are read from docstrings, which optimized bytecode does not contain.
+    "PYTHONOPTIMIZE",
     # Without stored bytecode every process would compile its libraries again.
     "PYTHONDONTWRITEBYTECODE",
 )

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import os
+import re
 import resource
 import signal
+import subprocess
 from pathlib import Path
 
 import pytest
@@ -13,6 +16,8 @@ from omni_process import (
     RUN_TIMEOUT,
     WORKSPACE,
     node_processes,
+    omni_command,
+    omni_environment,
     omni_here,
     processes_of,
     recorded_bytes,
@@ -45,6 +50,8 @@ LATE = ("--set", "maneuver.brake_time=20")
         (["--set", "odometry=null"], "odometry: is nothing"),
         (["--set", "seed=99999999999999999999"], "seed: the whole number has more than 64 bits"),
         (["--set", 'vehicle.load.mass="400"'], "vehicle.load.mass: '400' is a text"),
+        (["--set", "maneuver.speed=5 km/h"], "must be a number in m/s, without its unit"),
+        (["--set", "vehicle.load={x: 0,5}"], "a number must have a decimal point, not a comma"),
         (
             ["--variant", "assisted", "--variant", "assisted"],
             "--variant: 'assisted' is given twice",
@@ -76,6 +83,50 @@ def test_bad_input_is_refused_by_name(
     assert len(printed.err.strip().splitlines()) == 1
     assert not printed.out
     assert not out.exists()
+
+
+@pytest.mark.parametrize("words", [["list"], ["list", "--json"], ["completion"]])
+def test_an_output_that_cannot_be_written_is_a_failure_in_one_line(words: list[str]) -> None:
+    with Path("/dev/full").open("w") as full:
+        finished = subprocess.run(
+            omni_command(words), stdout=full, stderr=subprocess.PIPE, text=True, check=False,
+            env=omni_environment(), timeout=RUN_TIMEOUT,
+        )  # fmt: skip
+    problem = f"cannot write the output: {os.strerror(errno.ENOSPC)}"
+    assert (finished.returncode, finished.stderr) == (1, f"omni {words[0]}: {problem}\n")
+
+
+def test_settings_of_a_notebook_or_of_no_terminal_change_no_result(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("MPLBACKEND", "module://matplotlib_inline.backend_inline")
+    monkeypatch.setenv("COLUMNS", "0")
+    sample = WORKSPACE / "bags" / "small_stop" / "assisted"
+    finished = omni_here(["compare", str(sample)])
+    assert "stopping distance" in finished.stdout
+    words = ["show", "wood", "--out", str(tmp_path / "wood.png")]
+    finished = subprocess.run(
+        omni_command(words), capture_output=True, text=True, check=False, env=omni_environment(),
+        timeout=RUN_TIMEOUT,
+    )  # fmt: skip
+    assert finished.returncode == 0, finished.stderr
+
+
+@pytest.mark.parametrize(
+    ("mass", "words"),
+    [
+        ("30000", "rollers.stiffness: .* check them and their units"),
+        ("0,5", "--mass: '0,5' is a text, must be a number in kg, without its unit"),
+    ],
+)
+def test_a_vehicle_of_wrong_numbers_is_refused_and_leaves_no_files(
+    mass: str, words: str, tmp_path: Path
+) -> None:
+    size = ("--length", "0.58", "--width", "0.38", "--wheel-radius", "0.05")
+    finished = omni_here(["new-vehicle", "x", *size, "--mass", mass, "--out", str(tmp_path)])
+    assert finished.returncode == 2
+    assert re.search(words, finished.stderr)
+    assert not list(tmp_path.iterdir())
 
 
 def test_a_folder_with_something_in_it_is_left_alone(tmp_path: Path) -> None:

@@ -139,6 +139,7 @@ def test_the_environment_handed_over(built_once: Workspace) -> None:
         "LD_LIBRARY_PATH": "/opt/ros/humble/lib:/opt/mine",
         "RMW_IMPLEMENTATION": "rmw_cyclonedds_cpp",
         "PYTHONDONTWRITEBYTECODE": "1",
+        "PYTHONOPTIMIZE": "2",
     }
     environ = json.loads(built_once.start("run", environ=foreign).stdout)["env"]
     root = built_once.root
@@ -151,7 +152,7 @@ def test_the_environment_handed_over(built_once: Workspace) -> None:
     assert environ["PATH"].startswith(f"{root}/.venv/bin:")
     assert environ["NUMBA_CACHE_DIR"] == f"{root}/.cache/numba"
     assert environ["PYTHONPYCACHEPREFIX"] == f"{root}/.cache/bytecode"
-    assert not {"ROS_DISTRO", "PYTHONDONTWRITEBYTECODE"} & set(environ)
+    assert not {"ROS_DISTRO", "PYTHONDONTWRITEBYTECODE", "PYTHONOPTIMIZE"} & set(environ)
 
 
 def test_starts_within_starts_do_not_pile_up_paths(built_once: Workspace) -> None:

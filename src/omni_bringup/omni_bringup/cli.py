@@ -27,6 +27,9 @@ from omni_ros.environment import name_log_folder
 from omni_ros.start import start_lightly
 from omni_runs.workspace import ExperimentWorkspace
 
+_NARROWEST = 40
+"""Smallest width of a table [letters]: one of 20 has no names, and one of 0 is empty"""
+
 _DESCRIPTION = "Simulate, measure and tune the braking of omnidirectional vehicles."
 
 
@@ -42,6 +45,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     start_lightly()
     # Commands report implausible values as notes.
     warnings.simplefilter("ignore", configuration.ConfigurationWarning)
+    os.environ.pop("MPLBACKEND", None)  # that of a notebook, which is not installed here
     name_log_folder(os.environ)  # also for commands that use ROS in their own process
     try:
         code = _run(list(sys.argv[1:] if arguments is None else arguments))
@@ -50,7 +54,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         print(": ".join(("interrupted", *map(str, interruption.args))), file=sys.stderr)
         code = ExitCode.INTERRUPTED
     except BrokenPipeError:  # the reading program has ended, as in `| head`
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        _discard_output()
         code = ExitCode.FAILED
     sys.exit(code)
 
@@ -126,18 +130,29 @@ def _publish(report: command_report.Report, program: str, *, as_json: bool) -> i
     if report.summary is not None:
         document = json.dumps(report.document, indent=2, allow_nan=False)
         command_report.write_text(report.summary / "summary.json", document + "\n")
-    if as_json:
-        _print_json(report.document)
-    else:
-        for part in report.text:
-            _print_part(part)
-        for path in report.files:
-            print(f"wrote {path}")
-        for line in report.hints:
-            print(line)
+    try:
+        _print_report(report, as_json=as_json)
+        sys.stdout.flush()
+    except BrokenPipeError:
+        raise
+    except OSError as error:  # such as a full disk
+        _discard_output()
+        raise configuration.WorkError(f"cannot write the output: {error.strerror}") from None
     for problem in report.problems:
         _complain(program, problem)
     return ExitCode.OK if report.ok and not report.problems else ExitCode.FAILED
+
+
+def _print_report(report: command_report.Report, *, as_json: bool) -> None:
+    if as_json:
+        _print_json(report.document)
+        return
+    for part in report.text:
+        _print_part(part)
+    for path in report.files:
+        print(f"wrote {path}")
+    for line in report.hints:
+        print(line)
 
 
 def _print_part(part: Any) -> None:
@@ -146,7 +161,14 @@ def _print_part(part: Any) -> None:
         return
     from rich.console import Console
 
-    Console().print(part)
+    console = Console()
+    console.width = max(console.width, _NARROWEST)
+    console.print(part)
+
+
+def _discard_output() -> None:
+    """Discard all further output, as it cannot be written."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def _print_json(document: Mapping[str, Any]) -> None:

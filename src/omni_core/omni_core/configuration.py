@@ -83,6 +83,10 @@ class ConfigurationError(InputError):
         return ConfigurationError(join_key(parent, self.key), self.problem)
 
 
+class UnknownKeyError(ConfigurationError):
+    """A configuration does not declare a key."""
+
+
 class ConfigurationWarning(UserWarning):
     """A configuration is valid, but a value is implausible; the message contains a remedy."""
 
@@ -282,7 +286,11 @@ def from_mapping(cls: type[C], mapping: Mapping[str, Any], key: str = "") -> C:
     for name in mapping:
         if name not in declared:
             shown = str(name) or "''"
-            raise ConfigurationError(join_key(key, shown), _unknown_key(shown, declared))
+            hint = did_you_mean(shown, declared) or ";"
+            if shown.isdigit() and mapping[name] is None:  # such as {x: 0,5}
+                hint = "; a number must have a decimal point, not a comma;"
+            problem = f"is not a known key{hint} known here: {', '.join(sorted(declared))}"
+            raise UnknownKeyError(join_key(key, shown), problem)
     values: dict[str, Any] = {}
     for name, kind in declared.items():
         if name in mapping:
@@ -352,11 +360,6 @@ def check_choice(key: str, value: Any, known: Iterable[str]) -> None:
         raise ConfigurationError(key, f"{value!r} is not one of {', '.join(names)}{hint}")
 
 
-def _unknown_key(name: str, known: Mapping[str, Any]) -> str:
-    hint = did_you_mean(name, known)
-    return f"is not a known key{hint or ';'} known here: {', '.join(sorted(known))}"
-
-
 def _convert(value: Any, kind: Any, key: str) -> Any:
     """Convert a YAML value to the type of a field if possible; `_check_value` checks the rest."""
     if is_configuration(kind):
@@ -398,7 +401,10 @@ def _check_value(name: str, value: Any, kind: Any, info: ParameterInfo) -> None:
     if isinstance(kind, types.UnionType) or not isinstance(kind, type):
         raise TypeError(f"{name}: fields of type {kind!r} are not supported")
     if not isinstance(value, kind) or (kind is not bool and isinstance(value, bool)):
-        raise ConfigurationError(name, f"{_described(value)}, must be {_type_in_words(kind)}")
+        problem = f"{_described(value)}, must be {_type_in_words(kind)}"
+        if isinstance(value, str) and info.unit:
+            problem += f" in {info.unit}, without its unit and with a decimal point"
+        raise ConfigurationError(name, problem)
     if isinstance(value, int | float) and not isinstance(value, bool):
         _check_range(name, value, info)
     if info.choices is not None:

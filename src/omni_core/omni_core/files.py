@@ -1,25 +1,108 @@
-"""Text files that a user names, and folders in which the user can write."""
+"""Text files and tables that a user names, and folders in which the user can write."""
 
+import csv
 import errno
+import math
 import os
 import stat
 import tempfile
+from collections.abc import Mapping
 from pathlib import Path
 
+import numpy as np
 
-def read_text(path: Path, encoding: str = "utf-8") -> str:
-    """Return the content of a text file.
+from omni_core.quantities import FloatArray
+
+
+def read_text(path: Path) -> str:
+    """Return the content of a text file, without a byte order mark.
 
     Raises:
         OSError: the file cannot be read, or is a pipe, a device or another special file;
             `strerror` is the reason.
-        UnicodeDecodeError: the file is not text.
+        ValueError: the file is not text in UTF-8.
     """
     # Opening a pipe would wait forever, and reading a device would never end.
     mode = path.stat().st_mode
     if not (stat.S_ISREG(mode) or stat.S_ISDIR(mode)):
         raise OSError(errno.EINVAL, "Not a regular file", str(path))
-    return path.read_text(encoding=encoding)
+    try:
+        return path.read_text(encoding="utf-8-sig")
+    except UnicodeDecodeError as error:
+        problem = f"not text in UTF-8 (byte {error.start + 1}): save it in this encoding"
+        raise ValueError(problem) from None
+
+
+def read_columns(path: Path, units: Mapping[str, str]) -> FloatArray:
+    """Return columns of numbers from a CSV file, in the order of `units`.
+
+    The first line names the columns in any order, in capital or small letters, with or without
+    their unit, such as ``load`` or ``load_N``; other columns are ignored. Lines that begin with
+    ``#`` are comments.
+
+    Args:
+        path: file with values separated by commas.
+        units: unit of each required column, keyed by its name.
+
+    Returns:
+        Numbers, shape (rows, columns).
+
+    Raises:
+        OSError: the file cannot be read; `strerror` is the reason.
+        ValueError: a column is missing, or a value is not a finite number; the message states the
+            line and the remedy.
+    """
+    numbered = [
+        (number, line)
+        for number, line in enumerate(read_text(path).splitlines(), start=1)
+        if line.strip() and not line.lstrip().startswith("#")
+    ]
+    if not numbered:
+        raise ValueError("is empty")
+    try:
+        header, *rows = (next(csv.reader([line])) for _, line in numbered)
+    except csv.Error as error:
+        raise ValueError(f"is not a CSV file: {error}") from None
+    places = _find_columns(header, units)
+    values = np.empty((len(rows), len(units)))
+    for k, ((number, _), row) in enumerate(zip(numbered[1:], rows, strict=True)):
+        if any(row[len(header) :]):
+            raise ValueError(
+                f"line {number}: there are {len(row)} values, but the first line names "
+                f"{len(header)}; a number must have a decimal point, not a comma"
+            )
+        values[k] = [_number(row, place, name, number) for name, place in places.items()]
+    return values
+
+
+def _find_columns(header: list[str], units: Mapping[str, str]) -> dict[str, int]:
+    """Return the index of each required column, keyed by name."""
+    names = [name.strip().lower() for name in header]
+    with_unit = {f"{name}_{unit}".lower(): name for name, unit in units.items()}
+    known = [with_unit.get(name, name) for name in names]
+    for column in units:
+        if known.count(column) > 1:
+            raise ValueError(f"the column {column!r} occurs {known.count(column)} times")
+    if missing := [column for column in units if column not in known]:
+        wanted = ", ".join(f"{name} [{unit}]" for name, unit in units.items())
+        there = ", ".join(name or "(no name)" for name in names)
+        raise ValueError(
+            f"no column {' and no column '.join(map(repr, missing))}; the first line must name "
+            f"{wanted}, separated by commas, and names: {there}"
+        )
+    return {column: known.index(column) for column in units}
+
+
+def _number(row: list[str], place: int, name: str, line: int) -> float:
+    if place >= len(row) or not row[place].strip():
+        raise ValueError(f"line {line}: there is no {name}")
+    try:
+        value = float(row[place])
+    except ValueError:
+        raise ValueError(f"line {line}: the {name} {row[place]!r} is not a number") from None
+    if not math.isfinite(value):
+        raise ValueError(f"line {line}: the {name} {row[place].strip()!r} is not finite")
+    return value
 
 
 def user_folder(name: str, *wanted: Path | str) -> Path:

@@ -1,4 +1,4 @@
-"""Users of one machine never share a folder for their files."""
+"""Tables are read as written or refused with the line; users never share a folder for files."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from omni_core.files import user_folder
+from omni_core.files import read_columns, user_folder
 
 
 @pytest.fixture(autouse=True)
@@ -49,3 +49,51 @@ def test_what_another_user_has_made_is_not_used(
 def test_the_first_usable_folder_is_used(temporary: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("HOME", str(temporary / "home"))
     assert user_folder("logs", "/dev/null/logs", "~/a/b", "~/c") == temporary / "home" / "a" / "b"
+
+
+UNITS = {"slip": "1", "load": "N", "force": "N"}
+
+
+@pytest.mark.parametrize(
+    ("reason", "text"),
+    [
+        ("is empty", ""),
+        ("is empty", "# only a comment\n\n"),
+        ("no column 'load'", "slip,force\n0.1,100\n"),
+        ("no column 'slip' and no column 'force'", "a,load,b\n1,2,3\n"),
+        ("line 3: the force 'nan' is not finite", "slip,load,force\n0.1,3000,1\n0.1,3000,nan\n"),
+        ("line 2: the slip 'inf' is not finite", "slip,load,force\ninf,3000,1\n"),
+        ("line 4: there is no force", "# c\nslip,load,force\n0.1,3000,1\n0.1,3000,\n"),
+        ("line 2: there is no load", "slip,load,force\n0.1\n"),
+        ("line 2: the load 'x' is not a number", "slip,load,force\n0.1,x,1\n"),
+        ("no column 'slip'.*separated by commas, and names: slip;load", "slip;load;force\n"),
+        ("line 2: there are 5 values.* a decimal point", "slip,load,force\n0,1,3000,5,1\n"),
+        ("line 3: the slip", 'slip,load,force\n0.1,3000,1\n"0.1,3000,1\n0.1,3000,1\n'),
+        ("is not a CSV file", f'slip,load,force\n"{"1" * 200_000}",1,1\n'),
+    ],
+)
+def test_a_table_that_cannot_be_used_is_refused_with_the_reason(
+    reason: str, text: str, tmp_path: Path
+) -> None:
+    path = tmp_path / "data.csv"
+    path.write_text(text)
+    with pytest.raises(ValueError, match=reason):
+        read_columns(path, UNITS)
+
+
+@pytest.mark.parametrize("encoding", ["latin-1", "utf-16"])
+def test_a_table_in_another_encoding_is_refused_with_the_remedy(
+    encoding: str, tmp_path: Path
+) -> None:
+    path = tmp_path / "data.csv"
+    path.write_text("# größe\nslip,load,force\n0,1,2\n", encoding=encoding)
+    with pytest.raises(ValueError, match=r"not text in UTF-8 .*: save it in this encoding"):
+        read_columns(path, UNITS)
+
+
+@pytest.mark.parametrize("end", ["\n", "\r\n", "\r"])
+def test_a_table_of_any_spreadsheet_is_read(end: str, tmp_path: Path) -> None:
+    path = tmp_path / "data.csv"
+    lines = ("# rig 3", "Force_N, speed , SLIP,load,", "900,20, 0.02,3000,", "", '-9,2,-0.5,"25",')
+    path.write_text("\ufeff" + end.join(lines), encoding="utf-8", newline="")
+    assert read_columns(path, UNITS).tolist() == [[0.02, 3000.0, 900.0], [-0.5, 25.0, -9.0]]

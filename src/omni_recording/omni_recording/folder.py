@@ -28,6 +28,7 @@ _VEHICLE_TOPIC = re.compile(
     r"|line_scan/[^/]+/lines)"
 )
 _INFORMATION = "rosbag2_bagfile_information"
+_CONVERT = "; convert it: ./omni exec rosbags-convert --src {} --dst NEW --dst-storage mcap"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -217,23 +218,38 @@ def _from_metadata(folder: Path) -> Bag:
     if storage != "mcap":
         raise BagError(
             folder,
-            f"metadata.yaml: the storage {storage[:40]!r} is not supported, only mcap; "
-            f"`rosbags-convert` converts it",
+            f"metadata.yaml: the storage {storage[:40]!r} is not supported, only mcap"
+            + _CONVERT.format(folder),
         )
     if get("compression_mode", str, "").lower() not in ("", "none"):
         raise BagError(
             folder,
-            "metadata.yaml: whole files or messages are compressed, which is not supported; "
-            "`rosbags-convert` decompresses it",
+            "metadata.yaml: whole files or messages are compressed, which is not supported"
+            + _CONVERT.format(folder),
         )
     names = get("relative_file_paths", list, None)
     if not names:
         raise BagError(folder, "metadata.yaml names no file")
     files = tuple(_file_within(folder, name, version) for name in names)
-    topics = get("topics_with_message_count", list, [])
     number = get("message_count", int, None)
-    counts = dict(_claimed_count(folder, topic) for topic in topics)
+    counts = claimed_counts(folder, information)
     return Bag(folder, files, number, counts, str(information.get("ros_distro") or ""))
+
+
+def claimed_counts(folder: Path, information: Mapping[str, Any] | None = None) -> Mapping[str, int]:
+    """Return the number of messages according to the metadata of a recording, keyed by topic.
+
+    Args:
+        folder: rosbag2 folder, whose files may be missing.
+        information: content of the metadata, if it is read already.
+
+    Raises:
+        BagError: the metadata is missing or invalid.
+    """
+    topics = (information or _read_information(folder)).get("topics_with_message_count", [])
+    if not isinstance(topics, list):
+        raise BagError(folder, "metadata.yaml: topics_with_message_count is invalid")
+    return dict(_claimed_count(folder, topic) for topic in topics)
 
 
 def _claimed_count(folder: Path, entry: Any) -> tuple[str, int]:

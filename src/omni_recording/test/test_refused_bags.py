@@ -199,7 +199,7 @@ def _metadata(bag: Path, **changes: Any) -> None:
         ({"relative_file_paths": ["gone.mcap"]}, "gone.mcap is missing"),
         ({"version": 10}, "version 10 is newer"),
         ({"version": "9"}, "version is missing or is invalid"),
-        ({"storage_identifier": "sqlite3"}, "rosbags-convert"),
+        ({"storage_identifier": "sqlite3"}, "--dst NEW --dst-storage mcap"),
         ({"compression_mode": "file"}, "whole files or messages are compressed"),
         ({"message_count": None}, "message_count is missing"),
         ({"topics_with_message_count": [3]}, "is invalid"),

@@ -1,7 +1,5 @@
 """Reading of a driver's demands (velocity and pedal) from a CSV table or a recording."""
 
-import csv
-import io
 from pathlib import Path
 from typing import Any
 
@@ -9,10 +7,11 @@ import numpy as np
 
 from omni_core import quantities, topics
 from omni_core.configuration import ConfigurationError
-from omni_core.files import read_text
+from omni_core.files import read_columns
 from omni_recording.error import BagError
 
-COLUMNS = ("time", "forward", "left", "turn", "pedal")
+_UNITS = {"time": "s", "forward": "m/s", "left": "m/s", "turn": "rad/s", "pedal": "1"}
+COLUMNS = tuple(_UNITS)
 # The second topic is used in old recordings.
 _COMMANDS = (topics.COMMAND.path, topics.cmd_vel(stamped=True).path)
 _PEDAL = topics.PEDAL.path
@@ -30,32 +29,16 @@ def read_demands(path: Path, key: str) -> dict[str, list[float]]:
         ConfigurationError: the file cannot be read, or contains no demands.
     """
     try:
-        table = _read_table(path) if path.suffix.lower() == ".csv" else _read_recording(path)
+        if path.suffix.lower() == ".csv":
+            table = read_columns(path, _UNITS)
+        else:
+            table = _read_recording(path)
+        if not len(table):
+            raise ValueError("it contains no rows")
     except (OSError, ValueError, BagError) as error:
         reason = error.strerror if isinstance(error, OSError) else str(error)
         raise ConfigurationError(key, f"cannot read demands from {path}: {reason}") from None
     return {name: table[:, column].tolist() for column, name in enumerate(COLUMNS)}
-
-
-def _read_table(path: Path) -> quantities.FloatArray:
-    rows = csv.DictReader(io.StringIO(read_text(path)))
-    missing = set(COLUMNS) - set(rows.fieldnames or ())
-    if missing:
-        names = ",".join(COLUMNS)
-        raise ValueError(
-            f"{', '.join(sorted(missing))} missing in its first line, which must be {names}"
-        )
-    values = [[_number(row, name, rows.line_num) for name in COLUMNS] for row in rows]
-    if not values:
-        raise ValueError("it contains no rows")
-    return np.array(values)
-
-
-def _number(row: dict[str, str], name: str, line: int) -> float:
-    try:
-        return float(row[name])
-    except (TypeError, ValueError):
-        raise ValueError(f"line {line}: {name} is {row[name]!r}, not a number") from None
 
 
 def _read_recording(path: Path) -> quantities.FloatArray:

@@ -226,10 +226,10 @@ class ExperimentLibrary:
             if kind is not None and isinstance(value, str):
                 named = _nearest(self.located(kind, value), near)
                 part = self._read(kind, named, path)
-                if kind == "vehicles":
-                    check_complete(part, _REQUIRED, path, named)
                 beside = Path(named).parent if named.endswith(".yaml") else None
                 resolved[key] = yaml_files.Part(self._resolve(part, path, beside))
+                if kind == "vehicles":
+                    check_complete(resolved[key], _REQUIRED, path, named)
             elif isinstance(value, Mapping):
                 resolved[key] = self._resolve(value, path, near)
             else:
@@ -312,6 +312,37 @@ def _nearest(name: str, near: Path | None) -> str:
     return name
 
 
+def check_complete(
+    vehicle: Mapping[str, Any], required: Iterable[str], key: str, name: str
+) -> None:
+    """Check that a vehicle defines all values that have no sensible default.
+
+    Args:
+        vehicle: nested values of the vehicle.
+        required: dotted keys of these values.
+        key: dotted key of the vehicle, for the error message.
+        name: name or file of the vehicle, for the error message.
+
+    Raises:
+        ConfigurationError: a value is missing, or a key is unknown, perhaps a misspelled one.
+    """
+    for one in required:
+        value: Any = vehicle
+        for part in one.split("."):
+            value = value.get(part) if isinstance(value, Mapping) else vehicle
+        if value is None:
+            try:
+                declared.from_mapping(VehicleConfiguration, vehicle, key)
+            except declared.ConfigurationError as error:
+                if isinstance(error, declared.UnknownKeyError):
+                    raise
+            raise declared.ConfigurationError(
+                declared.join_key(key, one),
+                f"is missing in {name} and has no default; measure it, or use the estimate of "
+                "./omni new-vehicle",
+            )
+
+
 def _take_names(
     layer: Mapping[str, Any], named: dict[str, str], prefix: str = ""
 ) -> dict[str, Any]:
@@ -331,32 +362,6 @@ def _take_names(
             nested = isinstance(value, Mapping)
             rest[key] = _take_names(value, named, path) if nested else value
     return rest
-
-
-def check_complete(
-    vehicle: Mapping[str, Any], required: Iterable[str], key: str, name: str
-) -> None:
-    """Check that a vehicle defines all values that have no sensible default.
-
-    Args:
-        vehicle: nested values of the vehicle.
-        required: dotted keys of these values.
-        key: dotted key of the vehicle, for the error message.
-        name: name or file of the vehicle, for the error message.
-
-    Raises:
-        ConfigurationError: a value is missing.
-    """
-    for one in required:
-        value: Any = vehicle
-        for part in one.split("."):
-            value = value.get(part) if isinstance(value, Mapping) else vehicle
-        if value is None:
-            raise ConfigurationError(
-                declared.join_key(key, one),
-                f"is missing in {name} and has no default; measure it, or use the estimate of "
-                "./omni new-vehicle",
-            )
 
 
 def set_default(tree: dict[str, Any], node: str, name: str, truth: Any) -> None:

@@ -63,7 +63,7 @@ def names_of(kind: str, workspace: Path) -> dict[str, str]:
 def first_sentence(path: Path) -> str:
     """Return the first sentence of the comment at the head of a configuration file."""
     words: list[str] = []
-    for line in path.read_text(encoding="utf-8").splitlines():
+    for line in path.read_text(encoding="utf-8-sig", errors="replace").splitlines():
         if not line.startswith("#"):
             break
         words.append(line.lstrip("# "))

@@ -80,12 +80,12 @@ def test_a_recording_is_driven_again() -> None:
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("time,forward\n0,1\n", "left, pedal, turn missing"),
+        ("time,forward\n0,1\n", "no column 'left' and no column 'turn'"),
         (HEAD, "no row"),
-        (HEAD + "0,1,0,0,x\n", "line 2: pedal is 'x'"),
+        (HEAD + "0,1,0,0,x\n", "line 2: the pedal 'x' is not a number"),
         (HEAD + "0,1,0,0,0\n0,1,0,0,0\n", "time: must increase"),
         (HEAD + "0,1,0,0,2\n", r"pedal\[0\]: 2 is out of range"),
-        (HEAD + "0,nan,0,0,1\n", "forward.*nan.* is not a finite number"),
+        (HEAD + "0,nan,0,0,1\n", "line 2: the forward 'nan' is not finite"),
         (HEAD + "0,1,0,0,0\n90,1,0,0,1\n", "duration_limit: 30 s is before"),
     ],
 )

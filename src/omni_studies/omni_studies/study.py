@@ -23,6 +23,7 @@ from typing import Any, Protocol
 from matplotlib.figure import Figure
 
 from omni_core import configuration, plugins
+from omni_core.commands.command_report import write_text
 from omni_runs.experiment import ExperimentLibrary
 from omni_runs.figures import style
 from omni_runs.figures.tables import data_table
@@ -176,7 +177,7 @@ def run_study(name: str, options: Any, study: StudyRun) -> tuple[StudyResult, di
     if result.claims:
         document["claims"] = [claim.entry() for claim in result.claims]
     text = json.dumps(document, indent=2, allow_nan=False) + "\n"
-    (study.folder / "summary.json").write_text(text, encoding="utf-8")
+    write_text(study.folder / "summary.json", text)
     cases: dict[str, dict[str, float]] = {}
     for key, metric in bounded.items():
         quantity, _, case = key.partition(".")

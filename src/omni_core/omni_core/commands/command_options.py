@@ -8,6 +8,7 @@ an option that may be omitted.
 
 import argparse
 import dataclasses
+import functools
 import re
 import typing
 from collections.abc import Sequence
@@ -92,7 +93,7 @@ def add_options(parser: argparse.ArgumentParser, cls: type[configuration.Configu
         if single is bool:
             given["action"] = "store_true"
         else:
-            given["type"] = single
+            given["type"] = functools.partial(_converted, single)
             given["metavar"] = spelling.metavar or (
                 "{" + ",".join(info.choices) + "}" if info.choices else _METAVARS[single]
             )
@@ -107,6 +108,14 @@ def add_options(parser: argparse.ArgumentParser, cls: type[configuration.Configu
         if repeated:
             given |= {"action": "extend", "nargs": "+"} if spelling.many else {"action": "append"}
         parser.add_argument(_flag(name, spelling), dest=name, required=required, **given)
+
+
+def _converted(kind: type[Any], word: str) -> Any:
+    """Return a word as a value; if it is none, the word, which the configuration then refuses."""
+    try:
+        return kind(word)
+    except ValueError:
+        return word
 
 
 def parse_options(

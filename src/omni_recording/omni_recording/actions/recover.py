@@ -4,6 +4,7 @@ The original recording is never changed: its complete messages are copied to a n
 index and the metadata that readers require.
 """
 
+import contextlib
 import dataclasses
 import shutil
 from collections import Counter
@@ -13,7 +14,14 @@ from typing import Any
 
 from omni_recording import definitions, mcap, write
 from omni_recording.error import BagError, McapError
-from omni_recording.folder import METADATA, bag_files, bag_summary, open_bag, read_plain_yaml
+from omni_recording.folder import (
+    METADATA,
+    bag_files,
+    bag_summary,
+    claimed_counts,
+    open_bag,
+    read_plain_yaml,
+)
 from omni_recording.limits import LIMITS
 from omni_recording.metadata import RecordedQos, RecordedTopic
 
@@ -61,6 +69,7 @@ def recover(path: Path, folder: Path) -> Recovery | None:
     problems: list[str] = []
     channels: list[mcap.RecordedChannel] = []
     files = bag_files(path, problems)
+    problems += _metadata_problem(path)
     # The topics must be known before the first message is written, so the recording is read twice.
     count, first_ns, last_ns = 0, 1 << 63, 0
     lost: Counter[str] = Counter()
@@ -127,11 +136,22 @@ def _whole_messages(
 
 def _claimed_counts(path: Path) -> Mapping[str, int]:
     """Return the message counts of the metadata or of the index; empty without any."""
-    try:
+    with contextlib.suppress(BagError):
         bag = open_bag(path)
         return bag.counts or bag_summary(bag).counts
-    except BagError:
-        return {}
+    with contextlib.suppress(BagError):  # a file is missing, or the metadata is
+        return claimed_counts(path)
+    return {}
+
+
+def _metadata_problem(path: Path) -> list[str]:
+    """Return the defect of the metadata, such as a missing file; metadata may be missing."""
+    try:
+        if (path / METADATA).exists():
+            open_bag(path)
+    except BagError as error:
+        return [error.problem]
+    return []
 
 
 def _metadata_fit(path: Path, count: int) -> bool:

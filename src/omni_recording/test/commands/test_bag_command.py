@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import yaml
 from mcap.opcode import Opcode
 from mcap.reader import make_reader
 from rosbags.highlevel import AnyReader
@@ -209,6 +210,21 @@ def test_metadata_that_were_lost_are_made_again(tmp_path: Path) -> None:
     assert read_strictly(tmp_path / "saved") == messages
     saved(mcap_file(path), tmp_path / "from_file")
     assert read_strictly(tmp_path / "from_file") == messages
+
+
+def test_messages_of_a_missing_file_are_counted_as_lost(tmp_path: Path) -> None:
+    path = tmp_path / "run"
+    messages = killed(path, 10)
+    saved(path, tmp_path / "saved")
+    whole = tmp_path / "saved"
+    document = yaml.safe_load((whole / "metadata.yaml").read_text())
+    document["rosbag2_bagfile_information"]["relative_file_paths"] += ["saved_1.mcap"]
+    document["rosbag2_bagfile_information"]["topics_with_message_count"][0]["message_count"] += 7
+    (whole / "metadata.yaml").write_text(yaml.safe_dump(document))
+    result = saved(whole, tmp_path / "again")
+    assert result.problems == ("the file saved_1.mcap is missing",)
+    assert sum(result.lost.values()) == 7
+    assert read_strictly(tmp_path / "again") == messages
 
 
 def test_what_holds_nothing_is_refused(tmp_path: Path) -> None:

@@ -12,10 +12,11 @@ import functools
 import itertools
 import multiprocessing
 import os
+import signal
 import sys
 from collections.abc import Callable, Iterator, Mapping, MutableMapping, Sequence
 from importlib.metadata import EntryPoint, entry_points
-from multiprocessing import forkserver, reduction
+from multiprocessing import forkserver, reduction, resource_tracker
 from multiprocessing.connection import Connection
 from multiprocessing.context import ForkServerProcess
 from pathlib import Path
@@ -37,8 +38,14 @@ _REPORTED = (InputError, WorkError, OSError)  # errors that commands report in o
 def start_fork_server() -> None:
     """Start the fork server, which ends together with this process and its nodes."""
     multiprocessing.set_forkserver_preload(["omni_runs.graph.preloaded"])
-    with replaced(os.environ, PARENT_PID_VARIABLE, str(os.getpid())):
-        forkserver.ensure_running()
+    # Ctrl-C reaches all processes of the terminal, but only this one ends the others.
+    resource_tracker.ensure_running()  # later, its start would unblock the signal
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
+    try:
+        with replaced(os.environ, PARENT_PID_VARIABLE, str(os.getpid())):
+            forkserver.ensure_running()
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def start_process(
@@ -113,7 +120,7 @@ class Worker:
 
 def _serve(connection: Connection) -> None:
     """Call the functions that a `Worker` sends, until it closes the connection."""
-    with contextlib.suppress(EOFError, BrokenPipeError):
+    with contextlib.suppress(EOFError, ConnectionError):
         while True:
             function = connection.recv()
             try:
@@ -168,6 +175,8 @@ def node_module(executable: Path) -> str | None:
 def _become(command: list[str], environment: dict[str, str], descriptors: list[int]) -> None:
     """Run a program in this process, which is a new fork of the server; arguments as above."""
     os.setpgid(0, 0)
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, [signal.SIGINT])  # the server blocks it
     # The streams of the server stay open in no node, so that the server ends with its parent.
     for number, descriptor in enumerate(descriptors):
         os.dup2(descriptor, number)

@@ -11,6 +11,7 @@ from linescan_odometry.configuration import OdometryConfiguration
 from omni_brake_assist.configuration import BrakeAssistConfiguration
 from omni_core import topics
 from omni_core.brakes import BRAKES
+from omni_core.commands.command_report import write_text
 from omni_core.configuration import (
     Configuration,
     ConfigurationError,
@@ -368,10 +369,7 @@ def write_parameters(
     documents[f"{RECORDER}.yaml"] = parameters_text(recorded)
     if brakes:
         documents[f"{BRAKE_ADAPTER}.yaml"] = parameter_file(brake_adapter(assistant, brakes))
-    folder.mkdir(parents=True, exist_ok=True)
-    for name, text in documents.items():
-        (folder / name).write_text(text, encoding="utf-8")
-    return [folder / name for name in documents]
+    return [write_text(folder / name, text) for name, text in documents.items()]
 
 
 def parameter_file(configuration: Configuration, **others: Any) -> str:

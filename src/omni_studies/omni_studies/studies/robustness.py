@@ -23,6 +23,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
+from omni_core.commands.command_report import write_text
 from omni_core.configuration import parameter
 from omni_runs.figures import style
 from omni_runs.metrics import Metric
@@ -147,8 +148,7 @@ def _write_worst(
             cause = getattr(result, limit)
             words += f"; cause: {cause}" if cause else ""
             path = folder / f"worst_{limit}_{rank}.yaml"
-            path.write_text(braking.experiment_file(result.seed, words), encoding="utf-8")
-            files.append(path)
+            files.append(write_text(path, braking.experiment_file(result.seed, words)))
     return files
 
 

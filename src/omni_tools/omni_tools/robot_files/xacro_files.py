@@ -48,7 +48,7 @@ def read_description(
         ConfigurationError: the file cannot be read or expanded; the message has the reason.
     """
     try:
-        text = read_text(path).lstrip("\N{ZERO WIDTH NO-BREAK SPACE}")  # a byte order mark
+        text = read_text(path)
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or error
         raise ConfigurationError("--from", f"cannot read {path}: {reason}") from None

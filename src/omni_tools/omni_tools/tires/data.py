@@ -1,15 +1,9 @@
 """Reading of measured tire forces from a CSV file with the columns slip, load and force.
 
-The first line names the columns, in any order; other columns are ignored. The names ``load_N`` and
-``force_N`` are also accepted, but no other units. Lines that begin with ``#`` are comments. If a
-file cannot be used, the error message states the reason and the line.
-
 A file without names of units can still have other units: a slip in per cent, a slip angle in
 degrees, a force in kN. Such values are far outside the range of tires, and are refused.
 """
 
-import csv
-import math
 from pathlib import Path
 from typing import NamedTuple
 
@@ -17,8 +11,6 @@ import numpy as np
 
 from omni_core import configuration, files, quantities
 
-_COLUMNS = ("slip", "load", "force")
-_UNITS = {"load_n": "load", "force_n": "force"}
 _FRICTION = (0.01, 4.0)
 """Largest force divided by the largest load [1]: wet ice has 0.02 to 0.1, tires of racing cars have
 up to 3 on abrasive belts. A wrong factor of 1000, or a load in kg on dry ground, is outside."""
@@ -53,25 +45,13 @@ def read_tire_data(path: Path) -> TireData:
             number.
     """
     try:
-        text = files.read_text(path, encoding="utf-8-sig")
+        values = files.read_columns(path, {"slip": "1", "load": "N", "force": "N"})
     except OSError as error:
         raise TireDataError(f"cannot read the file: {error.strerror}") from None
-    except UnicodeDecodeError:
-        raise TireDataError("is not a text file") from None
-    numbered = [
-        (number, line)
-        for number, line in enumerate(text.splitlines(), start=1)
-        if line.strip() and not line.lstrip().startswith("#")
-    ]
-    if not numbered:
-        raise TireDataError("is empty")
-    rows = list(csv.reader(line for _, line in numbered))
-    places = _find_columns(rows[0])
-    values = np.empty((len(rows) - 1, 3))
-    for k, ((number, _), row) in enumerate(zip(numbered[1:], rows[1:], strict=True)):
-        values[k] = [_number(row, place, name, number) for name, place in places.items()]
-        if values[k, 1] <= 0.0:
-            raise TireDataError(f"line {number}: the load {values[k, 1]:g} N must be above 0")
+    except ValueError as error:
+        raise TireDataError(str(error)) from None
+    if np.any(values[:, 1] <= 0.0):
+        raise TireDataError(f"the load {np.min(values[:, 1]):g} N must be above 0")
     data = TireData(*np.ascontiguousarray(values.T))
     _check_units(data)
     return data
@@ -101,31 +81,3 @@ def _check_units(data: TireData) -> None:
             f"{_SLIP_OF_HALF_FORCE:g}: divide a slip in per cent by 100, and replace a slip angle "
             "in degrees by its tangent"
         )
-
-
-def _find_columns(header: list[str]) -> dict[str, int]:
-    """Return the index of each required column, keyed by name."""
-    names = [name.strip().lower() for name in header]
-    known = [_UNITS.get(name, name) for name in names]
-    for column in _COLUMNS:
-        if known.count(column) > 1:
-            raise TireDataError(f"the column {column!r} occurs {known.count(column)} times")
-    if missing := [column for column in _COLUMNS if column not in known]:
-        there = ", ".join(name or "(no name)" for name in names)
-        raise TireDataError(
-            f"no column {' and no column '.join(map(repr, missing))}; the first line must name "
-            f"slip [1], load [N] and force [N], separated by commas, and names: {there}"
-        )
-    return {column: known.index(column) for column in _COLUMNS}
-
-
-def _number(row: list[str], place: int, name: str, line: int) -> float:
-    if place >= len(row) or not row[place].strip():
-        raise TireDataError(f"line {line}: there is no {name}")
-    try:
-        value = float(row[place])
-    except ValueError:
-        raise TireDataError(f"line {line}: the {name} {row[place]!r} is not a number") from None
-    if not math.isfinite(value):
-        raise TireDataError(f"line {line}: the {name} {row[place].strip()!r} is not finite")
-    return value

@@ -22,6 +22,7 @@ from omni_core.configuration import ConfigurationError, declared_parameters, fro
 from omni_runs.workspace import ExperimentWorkspace
 
 if TYPE_CHECKING:
+    from omni_runs.experiment import ExperimentConfiguration
     from omni_tools.robot_files.described import Described
 
 _MECANUM, _OMNI, _KIWI = KINDS = ("mecanum", "omni", "kiwi")
@@ -89,7 +90,7 @@ def run(options: Options, workspace: ExperimentWorkspace) -> Report:
         raise ConfigurationError(option_of(Options, error.key), error.problem) from None
     known = KnownValues() if found is None else known_values(options.name, found, measured)
     paths = write_vehicle(options.name, measured, make_folder(folder), known)
-    experiment = workspace.experiment_library().load(str(folder / "experiment.yaml"), "assisted")
+    experiment = _checked(paths, workspace)
     facts = wheel_facts(experiment.vehicle, experiment.ground.friction)
     notes = list(remarks(experiment))
     return Report(
@@ -119,6 +120,21 @@ def run(options: Options, workspace: ExperimentWorkspace) -> Report:
             f"compare speed sensors: ./omni study feedback --vehicle {shlex.quote(str(folder))}",
         ),
     )
+
+
+def _checked(paths: Sequence[Path], workspace: ExperimentWorkspace) -> "ExperimentConfiguration":
+    """Return the experiment in new files; delete the files if they describe no vehicle.
+
+    Raises:
+        ConfigurationError: an estimate is out of its range.
+    """
+    try:
+        return workspace.experiment_library().load(str(paths[-1]), "assisted")
+    except ConfigurationError as error:
+        for path in paths:
+            path.unlink()
+        remedy = "estimated from the given numbers: check them and their units (m, kg)"
+        raise ConfigurationError(error.key, f"{error.problem}; {remedy}") from None
 
 
 def _answered(question: str, options: Options) -> bool:

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from omni_core.brakes import BRAKES, BRAKES_IN_WORDS, ON_OFF, BrakeConfiguration
+from omni_core.commands.command_report import write_text
 from omni_core.configuration import (
     Configuration,
     ConfigurationError,
@@ -126,11 +127,11 @@ def write_vehicle(
     Returns:
         Paths of the written files.
     """
-    folder.mkdir(parents=True, exist_ok=True)
     parts = {"vehicle": _vehicle, "sensors": _sensors, "experiment": _experiment}
-    for part, text in parts.items():
-        (folder / f"{part}.yaml").write_text(text(name, measured, known), encoding="utf-8")
-    return [folder / f"{part}.yaml" for part in parts]
+    return [
+        write_text(folder / f"{part}.yaml", text(name, measured, known))
+        for part, text in parts.items()
+    ]
 
 
 def _vehicle(name: str, measured: Measured, known: KnownValues) -> str:

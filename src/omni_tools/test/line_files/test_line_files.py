@@ -77,6 +77,7 @@ def test_a_row_or_a_band_of_every_picture_is_a_line(tmp_path: Path) -> None:
         ("x.npy", b"", "cannot be read"),
         ("x.csv", b"1,2\n3\n", "cannot be read"),
         ("x.csv", b"-4,2\n3,5\n", "not 0 to 65535"),
+        ("x.csv", b"0.4,0.2\n1,0\n", "multiply them by 255"),
         ("x.raw", b"12345", "not a whole number of lines"),
         ("x.xyz", b"", "is none of"),
         ("x.csv", b"", "contains no line"),

@@ -144,6 +144,17 @@ def test_a_file_that_leaves_a_value_to_another_vehicle_is_refused(key: str, tmp_
         load(tmp_path)
 
 
+@pytest.mark.parametrize(("name", "near"), [("mass", "mas"), ("yaw_inertia", "yaw_inertie")])
+def test_a_misspelled_name_is_reported_rather_than_a_missing_value(
+    name: str, near: str, tmp_path: Path
+) -> None:
+    write_vehicle("small", SMALL, tmp_path)
+    path = tmp_path / "vehicle.yaml"
+    path.write_text(path.read_text().replace(f"  {name}:", f"  {near}:"))
+    with pytest.raises(ConfigurationError, match=f"{near}: is not a known key; .*'{name}'"):
+        load(tmp_path)
+
+
 def test_a_vehicle_within_an_experiment_must_be_complete_too(tmp_path: Path) -> None:
     write_vehicle("small", SMALL, tmp_path)
     path = tmp_path / "experiment.yaml"

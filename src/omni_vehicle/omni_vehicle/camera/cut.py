@@ -43,6 +43,8 @@ class Cut:
             if not 0 <= first < end <= len(rows):
                 raise FrameError(f"has {len(rows)} rows, but rows {first}:{end} are selected")
             rows = rows[first:end]
+        if rows.dtype.kind == "f" and 0.0 < np.max(rows, initial=0.0) <= 1.0 and np.any(rows % 1.0):
+            raise FrameError("has gray levels of at most 1: multiply them by 255")
         if self.mean:
             rows = rows.mean(axis=0, keepdims=True)
         return _whole(rows)
