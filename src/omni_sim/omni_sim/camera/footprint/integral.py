@@ -128,9 +128,11 @@ def _scratch(half_length: float, half_width: float, pixels: int) -> _Scratch:
         pixels: number of pixels per line.
     """
     room = math.ceil(2.0 * half_length * math.sqrt(2.0)) + 2 * _MARGIN
+    room = (-(-room // rows.BLOCK) + 2) * rows.BLOCK
+    sums = np.empty(room + rows.BLOCK, np.int16)
     most_rows = int(2.0 * (half_length + half_width)) + 2 * _MARGIN
     return _Scratch(
-        np.empty(room, np.int16),
+        sums[-sums.ctypes.data % (2 * rows.BLOCK) // 2 :][:room],  # aligned to a cache line
         np.empty((rows.CLASSES, room), np.int32),
         np.empty((rows.CLASSES, room), np.int32),
         np.empty((rows.CLASSES, room), np.int32),
@@ -191,6 +193,13 @@ def _integrate_line(
     climb = math.floor(slope * rows.ONE + 0.5)
 
     column = int(origin + whole) % ground.texels
+    if tangent * (row_count + 2 * rows.BLOCK) < 1.0:
+        # Most rows have the same shift, so blocks start where they match the cache lines.
+        spare = column % rows.BLOCK
+        column -= spare
+        origin -= spare
+        count += spare
+        low -= climb * spare
 
     # Shift of the texels of row_0 relative to those of the middle row [quarter texels].
     ahead = math.floor(((row_0 - middle) * tangent * rows.CLASSES + rows.HALF) * rows.ONE)

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from omni_core.configuration import ConfigurationError
 from omni_core.kernels import kernel
 from omni_core.sensors import LineSensor
+from omni_sim.camera.footprint import rows
 from omni_sim.texture.texture import GroundTexture
 
 
@@ -65,8 +66,8 @@ LEAST_WIDTH = 10.0
 
 _CACHE_LINE = 64  # bytes
 # Number of texels that may be read beyond the footprint's length times sqrt(2): room for the
-# corners of the footprint.
-_MARGIN = 2 * 8
+# corners of the footprint, and for the two blocks of columns in which the rows of the integral end.
+_MARGIN = 2 * 8 + 3 * rows.BLOCK
 
 
 class Coarsening(NamedTuple):
