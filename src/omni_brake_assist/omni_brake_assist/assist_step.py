@@ -68,12 +68,13 @@ def receive(constants: Constants, memory: Memory, inputs: Inputs) -> tuple[bool,
 @inlined
 def _receive(constants: Constants, memory: Memory, inputs: Inputs) -> tuple[bool, law.Motion]:
     """Compute the result of `receive`; kernels of this module can inline this function."""
+    fresh = inputs.imu.stamp_ns != memory.step[0].imu_ns
     ready, first, dt, twist, across, failed = _check_and_estimate(constants, memory, inputs)
     (v_x, v_y, yaw_rate), (p_x, p_y) = twist, across
     isolated = memory.bank.record[0].best in (bank_state.NO_FORCE, bank_state.NO_IMU)
     f_x, f_y = (math.nan, math.nan) if isolated else (memory.inertial[1], memory.inertial[2])
     pedal, speeds = inputs.pedal, memory.law_speeds
-    motion = (first, dt, v_x, v_y, yaw_rate, p_x, p_y, pedal, speeds, failed, f_x, f_y)
+    motion = (first, dt, v_x, v_y, yaw_rate, p_x, p_y, pedal, speeds, failed, f_x, f_y, fresh)
     return ready, law.Motion(*motion)
 
 

@@ -35,6 +35,8 @@ WHEEL = np.dtype(
         ("force", "f8"),  # low-passed friction force [N]
         ("capacity", "f8"),  # estimated friction capacity [N]
         ("late_brake", "f8"),  # nominal brake force with an additional lag [N]
+        ("impulse", "f8"),  # integral of `measured` since the last reading of the IMU [N s]
+        ("spun", "f8"),  # part of this integral that has changed the speed of the rim [N s]
         ("lost", "f8"),  # log-likelihood ratio of a brake without torque to a working brake [1]
     ]
 )
@@ -56,6 +58,8 @@ BODY = np.dtype(
         ("inverse_variance", "f8"),
         # Recent change of the velocity that the specific force does not explain, x, y [m/s].
         ("contradiction", "f8", 2),
+        ("span", "f8"),  # time since the last reading of the IMU [s]
+        ("felt", "f8", 2),  # integral of the specific force since this reading, x, y [m/s]
         ("pushed", "f8"),  # evidence of an external force, as `lost` of a wheel [nats]
         ("responded", "?"),  # whether the wheels have responded to the brakes
     ]

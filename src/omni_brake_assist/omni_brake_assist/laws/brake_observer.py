@@ -5,6 +5,7 @@ A brake that has lost its torque exerts no force on its wheel, so the friction f
 specific force that the IMU measures with ``F/m``, for the sum ``F`` of all friction forces if every
 brake works, and for that without the force of one brake. The logarithm of the ratio of both
 likelihoods is accumulated for each wheel (Page's cumulative sum, as in `monitors.brake_monitor`).
+A reading that is held for several steps counts once, with the mean of the forces in these steps.
 A slip of the wheel is evidence that its brake works.
 
 A push, or any other external force, changes the specific force too, but in any direction. It is a
@@ -39,9 +40,9 @@ ROLLS = 2.5
 deviations of a rolling rim [1]."""
 
 _CERTAIN = 0.95  # probability above which a brake counts as failed [1]
-# Largest evidence of an external force per correlation time [1]. That of a lost brake is little
-# larger, so no single reading decides.
-_MOST = 4.0
+# Largest evidence of an external force per correlation time, and largest exponent of the likelihood
+# of a reading [1]. The evidence of a lost brake is little larger, so no single reading decides.
+_MOST, _LARGEST = 4.0, 0.5
 _FORCE = 0.12  # standard deviation of the friction force of a wheel, relative to this force [1]
 _LATE = 0.03  # time constant with which a brake may lag behind its nominal force [s]
 _VELOCITY = 0.03  # error of the velocity from the specific force that contradicts the twist [m/s]
@@ -64,41 +65,59 @@ def observe_brakes(law: Constants, memory: Memory, motion: Motion) -> bool:
     """
     body, wheels = memory.body[0], memory.wheel
     if not math.isfinite(motion.force_x + motion.force_y) or motion.failed_brake != NO_WHEEL:
-        wheels["lost"][:] = body.pushed = 0.0
+        wheels["lost"][:] = body.pushed = body.span = 0.0
+        body.felt[:] = wheels["impulse"][:] = wheels["spun"][:] = 0.0
         return False
+    felt, follow = _acceleration(law, memory, motion), 1.0 - math.exp(-body.dt / _LATE)
+    body.span += body.dt
+    for j in range(2):
+        body.felt[j] += felt[j] * body.dt
+    for i, wheel in enumerate(wheels):
+        wheel.impulse += wheel.measured * body.dt
+        wheel.spun += law.wheel_mass[i] * (wheel.speed - wheel.last_speed)
+    if motion.new_force:
+        _weigh_reading(law, memory)
+        body.span = 0.0
+        body.felt[:] = wheels["impulse"][:] = wheels["spun"][:] = 0.0
+    for wheel in wheels:
+        wheel.late_brake += follow * (wheel.brake - wheel.late_brake)
+    return failed_brake(memory, motion.pedal) != NO_WHEEL
+
+
+@lean
+def _weigh_reading(law: Constants, memory: Memory) -> None:
+    """Update the evidence with the mean forces since the last reading of the accelerometer."""
+    body, wheels = memory.body[0], memory.wheel
     force_x = force_y = s_xx = s_xy = s_yy = 0.0
     for i, wheel in enumerate(wheels):
         x, y = -wheel.sign * law.active[i, 0], -wheel.sign * law.active[i, 1]
-        variance = _variance(law, memory, i)
-        force_x, force_y = force_x + wheel.measured * x, force_y + wheel.measured * y
+        variance, mean = _variance(law, memory, i), wheel.impulse / body.span
+        force_x, force_y = force_x + mean * x, force_y + mean * y
         s_xx, s_xy, s_yy = s_xx + variance * x * x, s_xy + variance * x * y, s_yy + variance * y * y
     force, spread = (force_x, force_y), (s_xx, s_xy, s_yy)
-    felt = _acceleration(law, memory, motion)
+    felt = body.felt[0] / body.span, body.felt[1] / body.span
     pushed = _evidence(memory, felt, force, spread, _PUSH)
     works = max(_evidence(memory, felt, force, spread, 0.0), pushed - _MOST)
-    share, largest = min(body.dt / _CORRELATION, 1.0), 0.0
-    kept = math.exp(-body.dt / _FORGET)
+    share, largest = min(body.span / _CORRELATION, _LARGEST), 0.0
+    kept = math.exp(-body.span / _FORGET)
     body.pushed = max(kept * body.pushed + share * (pushed - works), 0.0)
-    follow = 1.0 - math.exp(-body.dt / _LATE)
     # The brake forces are known only if the wheels have responded within the longest dead time.
     begun = body.responded and body.steps * body.dt > LONGEST_DEAD_TIME >= body.dead_time
     for i, wheel in enumerate(wheels):
         x, y = -wheel.sign * law.active[i, 0], -wheel.sign * law.active[i, 1]
-        spins = law.wheel_mass[i] * (wheel.speed - wheel.last_speed) / body.dt
-        without = force_x + (spins - wheel.measured) * x, force_y + (spins - wheel.measured) * y
+        less = (wheel.spun - wheel.impulse) / body.span
+        without = force_x + less * x, force_y + less * y
         variance = _variance(law, memory, i)
         known = s_xx - variance * x * x, s_xy - variance * x * y, s_yy - variance * y * y
         slip = (wheel.hub - wheel.speed) / (WHEEL_DEVIATION + SHARE * wheel.hub)
         gained = _evidence(memory, felt, without, known, 0.0) - works
         gained += 0.5 * min(ROLLS**2 - slip**2, 0.0)
-        wheel.late_brake += follow * (wheel.brake - wheel.late_brake)
         wheel.lost *= kept
         if begun and wheel.known and wheel.hub >= SLOW:
             wheel.lost = max(wheel.lost + share * gained, 0.0)
         largest = max(largest, wheel.lost)
     if begun and largest == 0.0:
         _observe_mass(memory, felt, force, spread)
-    return failed_brake(memory, motion.pedal) != NO_WHEEL
 
 
 @lean
@@ -142,7 +161,8 @@ def _variance(law: Constants, memory: Memory, i: int) -> float:
     wheel = memory.wheel[i]
     turns = max(wheel.speed, wheel.last_speed) > law.locked_share * wheel.hub
     share = _FORCE if wheel.known and turns else 1.0
-    return float((share * wheel.measured + abs(wheel.brake - wheel.late_brake)) ** 2)
+    mean = wheel.impulse / memory.body[0].span
+    return float((share * mean + abs(wheel.brake - wheel.late_brake)) ** 2)
 
 
 @lean
@@ -177,7 +197,7 @@ def _observe_mass(memory: Memory, felt: Pair, force: Pair, spread: Triple) -> No
     inverse, noise = body.inverse_mass, _ACCELERATION**2
     c_xx, c_yy = noise + inverse**2 * s_xx, noise + inverse**2 * s_yy
     c_xy = inverse**2 * s_xy
-    weight = min(body.dt / _CORRELATION, 1.0) / (c_xx * c_yy - c_xy * c_xy)
+    weight = min(body.span / _CORRELATION, 1.0) / (c_xx * c_yy - c_xy * c_xy)
     w_x, w_y = weight * (c_yy * x - c_xy * y), weight * (c_xx * y - c_xy * x)
     body.inverse_variance /= 1.0 + body.inverse_variance * (w_x * x + w_y * y)
     error = w_x * (felt[0] - inverse * x) + w_y * (felt[1] - inverse * y)

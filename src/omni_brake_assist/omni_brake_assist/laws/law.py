@@ -39,6 +39,7 @@ class Motion(NamedTuple):
         failed_brake: index of the wheel whose brake has failed, NO_WHEEL if all brakes work.
         force_x: specific force along x in the body frame [m/s^2], NaN where unknown.
         force_y: specific force along y [m/s^2], NaN where unknown.
+        new_force: whether the specific force contains a reading that no earlier step contains.
     """
 
     first: bool
@@ -53,6 +54,7 @@ class Motion(NamedTuple):
     failed_brake: int = NO_WHEEL
     force_x: float = math.nan
     force_y: float = math.nan
+    new_force: bool = True
 
 
 class Law(Protocol):

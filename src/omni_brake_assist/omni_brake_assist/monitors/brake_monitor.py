@@ -10,7 +10,10 @@ If they are proportional, all brakes act.
 Free rolling is tested by a cumulative sum (Page, Biometrika 41, 1954) of the log-likelihood ratio
 of two hypotheses: the wheel rolls with a normally distributed deviation, or the wheel has an
 arbitrary slip. The small, constant slip of a heavily loaded wheel, which its brake cannot lock,
-therefore does not count as free rolling. The sum continues over several commands of the law to the
+therefore does not count as free rolling. With little pressure, this slip is as small as the error
+of a rolling rim's speed. The deviation at which both hypotheses are equally likely is therefore at
+most half of the deviation that the torque causes on a wheel with twice the nominal load, and a brake whose torque would hardly change the speed gives hardly any evidence. The sum
+continues over several commands of the law to the
 same brake. It restarts after the brake has been released for longer than it was commanded to act.
 With such short commands, a brake with a lag does not reach the pressure at which its wheel slides.
 
@@ -27,7 +30,7 @@ from omni_brake_assist.laws.brake_observer import ROLLS, SLOW
 from omni_brake_assist.laws.law import NO_WHEEL
 from omni_core.geometry import PlatformGeometry
 from omni_core.kernels import by_reference, lean
-from omni_core.quantities import FloatArray
+from omni_core.quantities import GRAVITY, FloatArray
 
 _LEAST = 0.15  # smallest share of the full pressure that can cause sliding [1]
 _SLIDES = 9.0  # deviation from rolling above which a wheel slides, in the unit of `ROLLS` [1]
@@ -43,6 +46,9 @@ class BrakeConstants(NamedTuple):
         n_y: active directions, y component [1], shape (N,).
         lever: levers of the active directions about the center of the wheels [m], shape (N,).
         roll: speed of the rim along the active direction per wheel speed [m], shape (N,).
+        slip: slip of a wheel with twice the mean nominal load, divided by the commanded share of
+            the full pressure; from the slope of the friction curve of `wheel_model` at rolling [1],
+            shape (N,).
         time: duration of free rolling after which a brake counts as failed [s].
     """
 
@@ -50,6 +56,7 @@ class BrakeConstants(NamedTuple):
     n_y: FloatArray
     lever: FloatArray
     roll: FloatArray
+    slip: FloatArray
     time: float
 
 
@@ -75,7 +82,10 @@ def brake_constants(
     """Return the constants of the brake monitor for a configuration and wheel geometry."""
     n_x, n_y = np.ascontiguousarray(geometry.active.T)
     time = 0.1 + configuration.brake.settling_time
-    return BrakeConstants(n_x, n_y, geometry.lever, geometry.rim, time)
+    force, rim = configuration.brake.max_torque / np.abs(geometry.rim), geometry.rim
+    share = force / (2.0 / rim.size * configuration.nominal_mass * GRAVITY)  # of the capacity
+    slip = 0.5 * share * configuration.allocation.target_slip * geometry.radius / np.abs(rim)
+    return BrakeConstants(n_x, n_y, geometry.lever, rim, slip, time)
 
 
 def brake_memory(wheels: int) -> FloatArray:
@@ -122,16 +132,18 @@ def watch_brakes(
         hub += constants.lever[i] * twist[2]
         rim = constants.roll[i] * speeds[i] / (1.0 + wheels.scale)
         behind = hub - rim if hub >= 0.0 else rim - hub
-        deviation = behind / (WHEEL + SHARE * abs(hub))
+        error = WHEEL + SHARE * abs(hub)
+        deviation, pressure = behind / error, pedal * wheels.commanded[i]
         command, net, fast = wheels.commanded[i], speeds.size + i, abs(hub) >= SLOW
-        if fast and pedal * command >= _LEAST and deviation > _SLIDES:
+        if fast and pressure >= _LEAST and deviation > _SLIDES:
             memory[-1] = 0.0
         acts = command >= 1.0 - RELEASED
         if not acts and memory[net] == 0.0:
             memory[i] = 0.0
         memory[net] = max(memory[net] + (dt if acts else -dt), 0.0)
         if acts and fast and (memory[-1] < _SLIDE_VALIDITY or abs(deviation) > ROLLS):
-            memory[i] = max(memory[i] + (1.0 - (deviation / ROLLS) ** 2) * dt, 0.0)
+            equal = min(ROLLS, 0.5 * constants.slip[i] * pressure * abs(hub) / error)
+            memory[i] = max(memory[i] + (equal**2 - deviation**2) / ROLLS**2 * dt, 0.0)
         if memory[i] > constants.time:
             return i
     return NO_WHEEL

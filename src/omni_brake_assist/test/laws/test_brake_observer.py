@@ -36,6 +36,7 @@ class Stop:
         self.error = 0.0  # of the accelerometer along x [m/s^2]
         self.push = 0.0, 0.0  # external force [N]
         self.slip = np.full(4, 0.1)  # of the wheels with a force
+        self.held = 1  # steps for which a reading of the IMU is held
         body, wheel = self.memory.body[0], self.memory.wheel
         body["dt"], body["responded"] = DT, True
         body["inverse_mass"] = 1.0 / law.mass
@@ -61,6 +62,7 @@ class Stop:
         motion = Motion(False, DT, HUB, 0.0, 0.0, *line, 1.0, speeds, NO_WHEEL, x, y)
         for step in range(round(time / DT)):
             body["steps"] += 1
+            motion = motion._replace(new_force=(step + 1) % self.held == 0)
             if observe_brakes(self.law, self.memory, motion):
                 return (step + 1) * DT
         return np.inf
@@ -88,6 +90,16 @@ def test_a_brake_that_loses_its_torque_is_found(
     forces = np.where(np.arange(4) == lost, 0.0, FORCE)
     assert stop.run(1.0, forces, all_work, ratio * NOMINAL_MASS) <= within
     assert found(stop.memory) == lost
+
+
+def test_a_reading_that_is_held_is_no_further_evidence(law: Constants) -> None:
+    stop, all_work = Stop(law), np.full(4, FORCE)
+    forces = np.where(np.arange(4) == 0, 0.0, FORCE)
+    stop.run(BEFORE, all_work, all_work, NOMINAL_MASS)
+    stop.held = 4  # an IMU with 25 Hz
+    assert stop.run(0.07, forces, all_work, NOMINAL_MASS) == np.inf  # one reading
+    assert stop.run(0.1, forces, all_work, NOMINAL_MASS) <= 0.1
+    assert found(stop.memory) == 0
 
 
 @pytest.mark.parametrize("ratio", [0.5, 0.8, 1.25, 2.0])

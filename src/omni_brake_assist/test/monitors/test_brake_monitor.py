@@ -95,12 +95,22 @@ def test_a_brake_that_gets_all_and_rolls_while_others_slide_by_less_has_failed(
     assert time <= 0.2
 
 
+def test_a_gentle_demand_makes_the_detection_slower(
+    configuration: BrakeAssistConfiguration,
+) -> None:
+    """The less torque a brake should exert, the less its wheel differs from a rolling one."""
+    constants, slips = constants_of(configuration), np.array([0.005, 0.3, 0.3, 0.3])
+    times = [found(constants, slips, np.ones(4), pedal=pedal)[1] for pedal in (1.0, 0.3, 0.2, 0.15)]
+    assert times[0] == times[1] < times[2] < times[3] <= 1.0
+
+
 @pytest.mark.parametrize(
     ("slips", "enables", "pedal"),
     [
         ([0.01, 0.01, 0.01, 0.01], [1.0, 1.0, 1.0, 1.0], 1.0),  # weak braking: no wheel slides
         ([0.05, 0.3, 0.3, 0.3], [1.0, 1.0, 1.0, 1.0], 1.0),  # one wheel slides less than the others
         ([0.04, 0.3, 0.3, 0.3], [1.0, 1.0, 1.0, 1.0], 1.0),  # a heavily loaded wheel
+        ([0.03, 0.3, 0.0, 0.0], [1.0, 0.8, 0.0, 0.0], 0.2),  # the same with a gentle demand
         ([0.0, 0.3, 0.3, 0.3], [0.0, 1.0, 1.0, 1.0], 1.0),  # let go
         ([0.0, 0.3, 0.3, 0.3], [0.5, 1.0, 1.0, 1.0], 1.0),  # a law demands less from it
         ([0.0, 0.3, 0.3, 0.3], [1.0, 1.0, 1.0, 1.0], 0.1),  # small demand of the pedal

@@ -50,7 +50,7 @@ def metrics(stops: Sequence[StopWithFault]) -> dict[str, Metric]:
 def _detections(group: str, stops: Sequence[StopWithFault]) -> dict[str, Metric]:
     """Return how many of the brakes that are lost during the stops are found, and when."""
     seen = [stop for stop in stops if math.isfinite(stop.observable)]
-    delays = [s.found - s.observable for s in seen if math.isfinite(s.found)]
+    delays = [max(s.found - s.observable, 0.0) for s in seen if math.isfinite(s.found)]
     metrics = {
         f"never_observable.{group}": Metric(len(stops) - len(seen), "1"),
         f"found.{group}": Metric(100.0 * len(delays) / max(len(seen), 1), "%"),

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import itertools
 import math
+import re
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -42,7 +43,8 @@ _OPTION = "--wheel-radius"
 _OBLIQUE = 10.0  # smallest angle of a Mecanum wheel's rollers from its axle and its plane [deg]
 _NEAR = 30.0  # limit on the angle between an axle and the direction across the motion [deg]
 _BESIDE = 0.01  # distance from the center of the wheels at which a wheel is on one side [m]
-_SIDES = (("front", 0, 1), ("rear", 0, -1), ("back", 0, -1), ("left", 1, 1), ("right", 1, -1))
+_SIDES = {"front": (0, 1), "rear": (0, -1), "back": (0, -1), "left": (1, 1), "right": (1, -1)}
+_PLACE = re.compile(rf"(?<![a-z])(?:wheel|{'|'.join(_SIDES)})+")  # not the end of a word: "bright"
 _LEVER = 0.3  # smallest plausible ratio of lever to distance of omni-wheels; 1 if tangential [1]
 _ROLLERS = (
     "the roller directions, which are an estimate: X seen from above. Check them: from above, the "
@@ -321,13 +323,19 @@ def _ask_about_directions(
             )
 
 
+def _words_of_place(name: str) -> str:
+    """Return the words in a name, such as ``frontLeft_wheel``, that can be words of `_SIDES`."""
+    return " ".join(_PLACE.findall(re.sub("(?<=[a-z])(?=[A-Z])", "_", name).lower()))
+
+
 def _ask_about_names(found: Described, wheels: Wheels) -> None:
     center = np.mean([wheel.place[:2] for wheel in wheels], axis=0)
     elsewhere = [
         wheel.joint
         for wheel in wheels
-        for word, axis, sign in _SIDES
-        if word in wheel.joint.lower() and sign * (wheel.place[:2] - center)[axis] < -_BESIDE
+        for word, (axis, sign) in _SIDES.items()
+        if word in _words_of_place(wheel.joint)
+        and sign * (wheel.place[:2] - center)[axis] < -_BESIDE
     ]
     if elsewhere:
         found.contradictions.append(

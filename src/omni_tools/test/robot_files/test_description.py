@@ -144,6 +144,7 @@ def test_wheels_elsewhere_than_their_names_say_are_listed(described: Write) -> N
         ahead, side = {"f": "front", "r": "back"}[corner[0]], {"l": "left", "r": "Right"}[corner[1]]
         urdf = urdf.replace(f"{corner}_wheel_joint", f"{ahead}{side}_wheel_joint")
     assert described(urdf).contradictions == []
+    assert described(urdf.replace("frontleft", "bright")).contradictions == []
     (listed,) = described(urdf.replace("frontleft", "BACKleft")).contradictions
     assert listed.startswith("BACKleft_wheel_joint: not where their names say; used: the positions")
 
