@@ -15,6 +15,7 @@ import numpy as np
 
 from linescan_odometry.configuration import OdometryConfiguration
 from linescan_odometry.joint.estimator import JointEstimator
+from linescan_odometry.joint.maximum import SLOPE
 from linescan_odometry.joint.spectra import FixedPattern
 from linescan_odometry.keyframe import Keyframe
 from linescan_odometry.measurements import SensorReading, Unmeasured
@@ -261,6 +262,9 @@ class SensorOdometry:
         decays = self._keyframe.compare(
             stamp_ns, self._chain.period_ns, displacement.rest, displacement.value
         )
+        static_time = self._static_time(stamp_ns, lines, displacement.value)
+        # The texture of a constant view was not seen to move, so its slope is unknown.
+        slope = max(displacement.slope, SLOPE if static_time > 0.0 else 0.0)
         return SensorReading(
             velocity=velocity,
             variance=displacement.variance * self._scale**2 + (velocity * self._chain.stretch) ** 2,
@@ -268,8 +272,8 @@ class SensorOdometry:
             inlier_share=displacement.share,
             measured=True,
             remark="; ".join(filter(None, (self._chain.remark, displacement.remark))),
-            static_time=self._static_time(stamp_ns, lines, displacement.value),
-            slope=displacement.slope,
+            static_time=static_time,
+            slope=slope,
             features=displacement.features,
             decays=decays,
         )

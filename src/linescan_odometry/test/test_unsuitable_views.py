@@ -14,7 +14,8 @@ from linescan_odometry.configuration import OdometryConfiguration
 from linescan_odometry.keyframe import Keyframe
 from linescan_odometry.measurements import Decay, SensorReading
 from linescan_odometry.sensor import SensorOdometry
-from linescan_odometry.unsuitable_views import UnsuitableViews, common_ground
+from linescan_odometry.textures import common_ground
+from linescan_odometry.unsuitable_views import UnsuitableViews
 from omni_core.sensors import LineSensor
 from omni_core.signals import LineBatch
 
@@ -84,7 +85,7 @@ def test_a_ground_that_comes_again_is_not_oblique(speed: float, repeat: float) -
     assert all(reading.measured for reading in readings_over(ground, steady(speed)))
 
 
-@pytest.mark.parametrize(("elapsed_ns", "covered"), [(76_000_000, True), (77_000_000, False)])
+@pytest.mark.parametrize(("elapsed_ns", "covered"), [(81_000_000, True), (82_000_000, False)])
 @pytest.mark.parametrize("twist", [(1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.8, -0.6, 0.0)])
 def test_a_view_is_covered_if_it_stops_faster_than_with_15_m_s2(
     elapsed_ns: int, covered: bool, twist: tuple[float, float, float]
@@ -119,7 +120,7 @@ def drive(
 def test_a_view_is_covered_if_it_alone_stops(slope: float, kept: float, covered: bool) -> None:
     views, twist = UnsuitableViews(three(CAMERA)), np.array([0.1, 0.0, 0.0])
     moving = SensorReading(0.1, 1e-6, 1.0, 1.0, True, slope=slope)
-    rest = SensorReading(0.0, 1e-8, 1.0, 1.0, True, static_time=0.01)
+    rest = SensorReading(0.0, 1e-8, 1.0, 1.0, True, static_time=0.005)
     front = dataclasses.replace(rest, static_time=0.0)
     for batch in range(2):
         seen = {"eye": moving, "other": moving, "front": front}
@@ -131,6 +132,48 @@ def test_a_view_is_covered_if_it_alone_stops(slope: float, kept: float, covered:
     assert not views.stopped(10**9 + 3 * 10**7, dict.fromkeys(later, rest))
     # If it is covered all the same, it is recognized when the vehicle moves again.
     assert set(views.stopped(10**9 + 4 * 10**7, later)) == ({"eye"} if covered else set())
+
+
+def test_an_uncertain_velocity_does_not_hide_the_certain_one_before() -> None:
+    views, twist = UnsuitableViews(three(CAMERA)), np.array([0.5, 0.1, 0.0])
+    moving = SensorReading(0.5, 1e-6, 1.0, 1.0, True)
+    front = dataclasses.replace(moving, velocity=0.1)
+    # The cover begins within the third batch.
+    for batch, variance in enumerate((1e-6, 1e-6, 0.2**2)):
+        eye = dataclasses.replace(moving, variance=variance)
+        seen = {"eye": eye, "other": moving, "front": front}
+        drive(views, 10**9 + 10**7 * batch, seen, twist)
+    rest = SensorReading(0.0, 1e-8, 1.0, 1.0, True, static_time=0.0096)
+    later = {"eye": rest, "other": moving, "front": front}
+    assert set(views.stopped(10**9 + 3 * 10**7, later)) == {"eye"}
+
+
+def test_a_single_twist_confirms_only_textures_that_it_shows_to_be_ordinary() -> None:
+    views, twist = UnsuitableViews(three(CAMERA)), np.array([1.0, 1.0, 0.0])
+    width = CAMERA.width  # half of the ordinary texture leaves the view
+    left = Decay(0.5 * width, 1e-4, 0.5, 0.5, 1e-4, True)
+    ordinary = SensorReading(1.0, 1e-6, 1.0, 1.0, True, decays=(left,))
+    unknown = dataclasses.replace(ordinary, decays=())
+    readings = {"eye": ordinary, "other": unknown, "front": ordinary}
+    assert not views.unsuitable(10**9, readings, twist)
+    blind = dataclasses.replace(SensorReading.unmeasured("ambiguous"), unmatched=True)
+    found = views.unconfirmed(10**9 + 10**7, {**readings, "front": blind})
+    assert {n for n, r in found.items() if not r.measured} == {"other"}
+    assert not views.unsuitable(10**9 + 2 * 10**7, readings, twist)
+    assert not views.unconfirmed(10**9 + 3 * 10**7, {**readings, "front": blind})
+
+
+@pytest.mark.parametrize("decays", [(), (Decay(0.001, 1e-4, 0.0, 0.0, 1e-4, False),)])
+def test_a_constant_view_of_a_camera_that_moves_across_is_uncertain(
+    decays: tuple[Decay, ...],
+) -> None:
+    views = UnsuitableViews({"eye": CAMERA})
+    rest = SensorReading(0.0, 1e-8, 1.0, 1.0, True, static_time=0.01, slope=0.3, decays=decays)
+    across = views.sloping(10**9, {"eye": rest}, np.array([0.0, 0.1, 0.0]))["eye"]
+    assert across.variance == pytest.approx(0.03**2, rel=1e-3)
+    still = views.sloping(10**9, {"eye": rest}, np.zeros(3))["eye"]
+    assert still.measured
+    assert still.variance == pytest.approx(1e-8)
 
 
 @pytest.mark.parametrize(("static_time", "both"), [(0.01, True), (0.04, False)])

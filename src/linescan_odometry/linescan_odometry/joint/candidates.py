@@ -366,13 +366,8 @@ def phases(paths: Doubles, size: int, count: int) -> Spectrum:
 
 
 @kernel
-def decide(
-    rest: Correlation, layout: Layout, found: Doubles, evidence: Doubles
-) -> tuple[int, bool]:
-    """Return the index of the most likely candidate, and whether the choice is ambiguous.
-
-    The choice is ambiguous if the second-largest log-likelihood, divided by the largest one,
-    exceeds `RATIO`.
+def decide(rest: Correlation, layout: Layout, found: Doubles, evidence: Doubles) -> int:
+    """Return the index of the most likely candidate.
 
     Args:
         rest: correlations between the lines.
@@ -385,8 +380,20 @@ def decide(
     for i in order[1:]:
         if _contest(rest, layout, found[best], found[i]):
             best = i
+    return int(best)
+
+
+@kernel
+def ambiguous(found: Doubles, evidence: Doubles, best: int) -> bool:
+    """Return whether the log-likelihood of a rival exceeds `RATIO` times that of the best one.
+
+    Args:
+        found: candidates [px], shape (c,).
+        evidence: log-likelihood ratio of each candidate from `rate` [nats], shape (c,).
+        best: index of the best candidate.
+    """
     rivals = evidence[np.abs(found - found[best]) >= APART]
-    return best, bool((rivals > RATIO * evidence[best]).any())
+    return bool((rivals > RATIO * evidence[best]).any())
 
 
 @kernel

@@ -375,9 +375,13 @@ def _choose(
         changes = static.colored(view.recorded, camera.taper, layout, True) >= limit
     if not moves:
         return found[best], changes, True, True, "low texture"
-    best, ambiguous = candidates.decide(remainder, layout, found, evidence)
+    best = candidates.decide(remainder, layout, found, evidence)
     weak = evidence[best] < candidates.LIKELY
-    return found[best], True, True, weak, "ambiguous" if ambiguous else ""
+    several = candidates.ambiguous(found, evidence, best)
+    if several:
+        # The mean of the lines contains ground that moves slowly, the known pattern does not.
+        several = candidates.ambiguous(found, candidates.rate(view.usual, layout, found), best)
+    return found[best], True, True, weak, "ambiguous" if several else ""
 
 
 @kernel

@@ -11,6 +11,9 @@ from linescan_odometry.joint.likelihood import Expansion, expand, observe, witho
 from omni_core.kernels import kernel
 from omni_core.signals import Lines
 
+SLOPE = 0.3
+"""Standard deviation of an unknown slope of the texture [1], from floors of bricks and tiles."""
+
 FEWEST = 6.0
 """Smallest number of independent features of a displacement that needs no confirmation.
 
@@ -24,7 +27,6 @@ _LEAST_CONTRAST = 0.1
 # Standard deviation of a learned pattern, relative to the pattern [1]. Where dirt absorbs light,
 # the mean of the logarithm also depends on the contrast of the ground.
 _INEXACT = 0.03
-_SLOPE = 0.3  # standard deviation of this slope [1], from floors of bricks, tiles and slabs
 
 
 class Camera(NamedTuple):
@@ -182,7 +184,7 @@ def moving(
     fit = assess(here, layout.pixels, view.noise)
     rivals = scatter(view.remainder, layout, motion[0], (candidates.LIKELY, candidates.RATIO))
     clear = fit.contrast >= _LEAST_CONTRAST and fit.features >= FEWEST
-    slope = 0.0 if clear else _SLOPE
+    slope = 0.0 if clear else SLOPE
     return Solution(
         motion,
         fit.variance + rivals,

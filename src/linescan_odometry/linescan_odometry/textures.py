@@ -1,0 +1,201 @@
+"""Unknown slope of a texture against the direction across a camera's axis.
+
+Each pixel of a line camera averages the brightness across the axis, over the width of the view. In
+motion across the axis, new ground enters the view, and of ordinary ground nothing remains after one
+width of the view. If the texture is oblique to the axis, the same stripes remain in the view and
+shift along the line, so motion across the axis looks like motion along it. A single camera cannot
+distinguish the two motions. The twist, however, gives the motion across the axis, and thus how much
+of the ground should remain: if more of the texture remains, it is oblique.
+"""
+
+import dataclasses
+import math
+from collections.abc import Callable, Mapping
+
+from linescan_odometry.joint.spectra import SIGNIFICANT
+from linescan_odometry.measurements import Decay, SensorReading
+from omni_core.sensors import LineSensor
+
+# Limits on the share of a texture that moves on in the view [1]: below the first, features of
+# independent slopes pass; above the second, the texture has one slope, like that of fibers.
+_ORDINARY = 0.25
+_OBLIQUE = 0.5
+# m/s, standard deviation; a texture of unknown slope confirms no other camera above it
+_WIDEST = 0.5
+_SLOWEST = 0.03  # m/s across the axis; at lower speeds, oblique texture causes no significant error
+
+
+class Textures:
+    """Decides whether textures are oblique, and adds the effect of unknown slopes to variances."""
+
+    def __init__(
+        self,
+        sensors: Mapping[str, LineSensor],
+        path: Callable[[str, int, float, float], float],
+    ) -> None:
+        """Create the decision; nothing is known of any texture.
+
+        Args:
+            sensors: watched cameras, keyed by name.
+            path: function that returns how far a camera has moved across its axis [m]; its
+                arguments are those of `UnsuitableViews._path_across`.
+        """
+        self._sensors = sensors
+        self._path = path
+        # Stamps [ns] at which textures were decided to be ordinary or oblique, and the decisions.
+        self._textures: dict[str, tuple[int, str]] = {}
+
+    def reset(self) -> None:
+        """Discard all decisions."""
+        self._textures.clear()
+
+    @property
+    def decided(self) -> frozenset[str]:
+        """Names of the cameras whose textures were decided to be ordinary or oblique."""
+        return frozenset(self._textures)
+
+    def sloping(
+        self, stamp_ns: int, readings: Mapping[str, SensorReading], across: Mapping[str, float]
+    ) -> dict[str, SensorReading]:
+        """Return the readings of textures with an unknown slope, with increased variance.
+
+        Args:
+            stamp_ns: stamp of the readings [ns].
+            readings: readings of all cameras, keyed by name.
+            across: velocity across the axis of each watched camera [m/s].
+        """
+        sloping = {}
+        for name, reading in readings.items():
+            if name in self._sensors and reading.measured and reading.slope > 0.0:
+                share = 1.0  # a constant view loses no texture
+                if reading.static_time == 0.0:
+                    share = self._slope_share(stamp_ns, name, reading, across[name])
+                variance = reading.variance + share * (reading.slope * across[name]) ** 2
+                sloping[name] = dataclasses.replace(reading, variance=variance, slope=0.0)
+                if reading.static_time == 0.0 and variance > _WIDEST**2:
+                    sloping[name] = reading.rejected("uncertain: the texture may be oblique")
+        return sloping
+
+    def _slope_share(
+        self, stamp_ns: int, name: str, reading: SensorReading, across: float
+    ) -> float:
+        """Return the factor with which the variance of the slope of a texture counts [1].
+
+        It is the mean square of the share of the texture that moves on in the view; the prior
+        deviation of this share is 1. In ordinary texture, the mean of the independent slopes of its
+        features counts at most.
+
+        Args:
+            stamp_ns: stamp of the reading [ns].
+            name: name of the camera.
+            reading: reading of the camera.
+            across: velocity across the camera's axis [m/s].
+        """
+        texture = self._texture(stamp_ns, name, reading, across)
+        smallest = 1.0 / max(reading.features, 1.0) if texture and not texture[1] else 1.0
+        for decay in reading.decays:
+            expected = self._expected(stamp_ns, name, decay, across)
+            lost = 1.0 - expected
+            if lost > 0.0 and math.isfinite(decay.variance):
+                error = decay.variance / lost**2
+                gain = 1.0 / (1.0 + error)
+                share = gain * min(max((decay.most - expected) / lost, 0.0), 1.0)
+                smallest = min(smallest, share**2 + gain * error)
+        return smallest
+
+    def _texture(
+        self, stamp_ns: int, name: str, reading: SensorReading, across: float
+    ) -> tuple[int, str] | None:
+        """Return when it was decided whether a texture is oblique [ns], and the reason.
+
+        The reason is empty for ordinary texture. The result is None without a decision, for
+        instance if a texture changes for another reason than that it leaves the view. A decision
+        holds until the view has moved across by its width.
+
+        Args:
+            stamp_ns: stamp of the reading [ns].
+            name: name of the camera.
+            reading: reading of the camera.
+            across: velocity across the camera's axis [m/s].
+        """
+        found, remains = None, True
+        for decay in reading.decays:
+            expected = self._expected(stamp_ns, name, decay, across)
+            deviation, lost = math.sqrt(decay.variance), 1.0 - expected
+            error, oblique = SIGNIFICANT * deviation, expected + _OBLIQUE * lost
+            if expected - error < decay.most < expected + _ORDINARY * lost - error:
+                return stamp_ns, ""
+            # A periodic ground leaves the view and returns; fibers remain in all comparisons.
+            remains = remains and decay.most > oblique - deviation
+            if decay.shifted and decay.least > oblique + error:
+                path = self._path(name, stamp_ns, decay.age, across)
+                found = (
+                    stamp_ns,
+                    f"oblique texture: {100.0 * decay.least:.0f} % in common after "
+                    f"{1e3 * path:.3g} mm across the axis",
+                )
+        if found and remains:
+            return found
+        if name in self._textures:
+            age = 1e-9 * (stamp_ns - self._textures[name][0])
+            if self._path(name, stamp_ns, age, across) < self._sensors[name].width:
+                return self._textures[name]
+        return None
+
+    def _expected(self, stamp_ns: int, name: str, decay: Decay, across: float) -> float:
+        """Return the share of its texture that an ordinary ground would keep [1].
+
+        Args:
+            stamp_ns: present time [ns].
+            name: name of the camera.
+            decay: comparison of lines.
+            across: velocity across the camera's axis [m/s].
+        """
+        width = self._sensors[name].width
+        blur = abs(across) * decay.duration / width
+        path = self._path(name, stamp_ns, decay.age, across) / width
+        return common_ground(path, blur) / common_ground(0.0, blur)
+
+    def oblique(
+        self, stamp_ns: int, readings: Mapping[str, SensorReading], across: Mapping[str, float]
+    ) -> dict[str, SensorReading]:
+        """Return the readings of the cameras over oblique textures, marked as unmeasured.
+
+        Args:
+            stamp_ns: stamp of the readings [ns].
+            readings: readings of all cameras, keyed by name.
+            across: velocity across the axis of each watched camera [m/s].
+        """
+        rejected = {}
+        for name, reading in readings.items():
+            if name not in self._sensors or not reading.measured:
+                continue
+            texture = self._texture(stamp_ns, name, reading, across[name])
+            if texture is None:
+                self._textures.pop(name, None)
+                continue
+            self._textures[name] = texture
+            if texture[1] and abs(across[name]) > _SLOWEST:
+                rejected[name] = reading.rejected(texture[1])
+        return rejected
+
+
+def common_ground(path: float, blur: float) -> float:
+    """Return the share of the ground that lines of one mean have in common with those of another.
+
+    It is the mean of ``max(1 - |x|, 0)`` over all pairs of lines, at their distances x.
+
+    Args:
+        path: distance between the means across the axis, relative to the width of the view [1].
+        blur: distance that the view moves during each of them, relative to its width [1].
+    """
+    if blur < 1e-3:
+        return max(1.0 - path, 0.0)
+    ends = _twice_integrated(path + blur) + _twice_integrated(path - blur)
+    return (ends - 2.0 * _twice_integrated(path)) / blur**2
+
+
+def _twice_integrated(x: float) -> float:
+    """Return the function whose second derivative is ``max(1 - |x|, 0)``."""
+    size = abs(x)
+    return 0.5 * size**2 - size**3 / 6.0 if size < 1.0 else 0.5 * size - 1.0 / 6.0
