@@ -89,7 +89,7 @@ def test_nodes_that_could_not_find_each_other_are_not_started(
 ) -> None:
     monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "OFF")
     with (
-        pytest.raises(ConfigurationError, match="^ROS_AUTOMATIC_DISCOVERY_RANGE: .*LOCALHOST"),
+        pytest.raises(ConfigurationError, match=r"^ROS_AUTOMATIC_DISCOVERY_RANGE: .*LOCALHOST"),
         reserved_domain(),
     ):
         pass
