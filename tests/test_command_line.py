@@ -195,6 +195,23 @@ def test_an_interrupt_before_anything_has_started(moment: str, tmp_path: Path) -
     assert not (tmp_path / "out").exists()
 
 
+def test_an_interrupt_of_the_terminal_is_handled_by_the_bring_up_alone(tmp_path: Path) -> None:
+    with run_process(tmp_path / "out", *LATE) as process:
+        # The process that forks the nodes is still importing, in the group of the terminal.
+        wait_until(
+            lambda: any(
+                "_multiarray_umath" in Path(f"/proc/{pid}/maps").read_text()
+                for pid in node_processes(process.pid)
+            )
+        )
+        for pid in (process.pid, *node_processes(process.pid)):
+            with contextlib.suppress(ProcessLookupError):
+                os.kill(pid, signal.SIGINT)
+        _, errors = process.communicate(timeout=RUN_TIMEOUT)
+    assert (process.returncode, errors) == (130, "interrupted\n")
+    wait_until(lambda: not node_processes(process.pid))
+
+
 def test_nodes_end_with_a_killed_bring_up(tmp_path: Path) -> None:
     with run_process(tmp_path / "out", *LATE) as process:
         wait_until(lambda: recorded_bytes(tmp_path / "out") > 0)

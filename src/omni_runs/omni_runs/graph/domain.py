@@ -7,11 +7,12 @@ import socket
 from collections.abc import Iterator
 from pathlib import Path
 
-from omni_core.configuration import InputError
+from omni_core.configuration import ConfigurationError, InputError
 from omni_ros.environment import chosen_domain
 
 # Domains 0-101 are valid with the default port range of every operating system; 0 is the default.
 _DOMAINS = range(1, 102)
+_RANGE = "ROS_AUTOMATIC_DISCOVERY_RANGE"
 _BOUND_PORTS = (Path("/proc/net/udp"), Path("/proc/net/udp6"))
 
 
@@ -31,11 +32,14 @@ def reserved_domain() -> Iterator[int]:
         Number of the domain; the value of ``ROS_DOMAIN_ID`` if the user has set it.
 
     Raises:
-        ConfigurationError: ``ROS_DOMAIN_ID`` is not the number of a domain.
+        ConfigurationError: ``ROS_DOMAIN_ID`` is not the number of a domain, or discovery is off.
         NoFreeDomainError: another run uses the chosen domain, or all domains are in use by runs or
             other ROS programs.
     """
     chosen = chosen_domain(os.environ)
+    if os.environ.get(_RANGE) == "OFF":
+        problem = "with OFF the nodes of a run cannot find each other: unset it, or set LOCALHOST"
+        raise ConfigurationError(_RANGE, problem)
     if chosen is None:
         # Each process starts its search at a different domain, so two runs rarely try the same one.
         first = os.getpid() % len(_DOMAINS)

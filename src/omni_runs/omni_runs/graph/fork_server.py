@@ -38,14 +38,14 @@ _REPORTED = (InputError, WorkError, OSError)  # errors that commands report in o
 def start_fork_server() -> None:
     """Start the fork server, which ends together with this process and its nodes."""
     multiprocessing.set_forkserver_preload(["omni_runs.graph.preloaded"])
-    # Ctrl-C reaches all processes of the terminal, but only this one ends the others.
-    resource_tracker.ensure_running()  # later, its start would unblock the signal
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
-    try:
-        with replaced(os.environ, PARENT_PID_VARIABLE, str(os.getpid())):
+    with replaced(os.environ, PARENT_PID_VARIABLE, str(os.getpid())):
+        resource_tracker.ensure_running()  # within the next call, its start would unblock SIGINT
+        # Ctrl-C reaches all processes of the terminal, but only this one ends the others.
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
+        try:
             forkserver.ensure_running()
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def start_process(

@@ -84,6 +84,17 @@ def test_what_is_no_domain_is_refused(monkeypatch: pytest.MonkeyPatch, text: str
         pass
 
 
+def test_nodes_that_could_not_find_each_other_are_not_started(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "OFF")
+    with (
+        pytest.raises(ConfigurationError, match=r"^ROS_AUTOMATIC_DISCOVERY_RANGE: .*LOCALHOST"),
+        reserved_domain(),
+    ):
+        pass
+
+
 def test_an_empty_choice_is_none(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("ROS_DOMAIN_ID", "")
     with reserved_domain() as domain:
