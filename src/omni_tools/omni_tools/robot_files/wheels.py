@@ -28,7 +28,8 @@ class DescribedWheel(NamedTuple):
 
     Attributes:
         joint: name of its joint.
-        place: origin of the joint [m], shape (3,).
+        place: origin of the joint, moved along the axle to the middle of the shape [m], shape (3,);
+            the joint turns the wheel, so that its origin may be anywhere on the axle.
         heading_deg: rolling direction for a positive speed of the joint, counter-clockwise from x.
         roller_deg: axis of the rollers from the rolling direction, above -90 and up to 90 deg; None
             if the description does not contain it.
@@ -223,6 +224,7 @@ def _wheel(robot: Robot, joint: Joint) -> DescribedWheel:
     cylinders = {one.of: one for one in round_shapes if one.kind == "cylinder"}
     solid = cylinders.get("collision", cylinders.get("visual"))
     middle = solid.pose[:3, 3] if solid is not None else center if mass else place
+    beside = float((middle - place) @ axis)
     heading = math.degrees(math.atan2(-axis[0], axis[1]))
     usual = _STEP * round(heading / _STEP)
     heading = round(wrapped(usual if abs(heading - usual) < _ROUNDED else heading), 6)
@@ -233,12 +235,12 @@ def _wheel(robot: Robot, joint: Joint) -> DescribedWheel:
         roller = round(wrapped(2.0 * away) / 2.0, 1)
     return DescribedWheel(
         joint=joint.name,
-        place=place,
+        place=place if solid is None else place + beside * axis,
         heading_deg=heading,
         roller_deg=roller,
         radii={one.of: one.size[0] for one in round_shapes},  # the largest is the last one
         width=0.0 if solid is None else solid.size[1],
-        beside=float((middle - place) @ axis),
+        beside=beside,
         mass=mass,
         inertia=inertia,
     )

@@ -228,8 +228,9 @@ def test_shapes_beside_the_joints_are_listed_once(described: Write) -> None:
     apart = '<origin xyz="0 0.03 0" rpy='
     found = described(mecanum_urdf().replace("<origin rpy=", apart))
     (listed,) = found.contradictions
-    assert listed.startswith("fl_joint, fr_joint, rl_joint, rr_joint: the middle of the shape")
-    assert "0.03 m beside the joint" in listed
+    assert listed.startswith("fl_joint, fr_joint, rl_joint, rr_joint: the middle of the shape is")
+    assert "0.03 m beside the joint along the axle; used: the shape" in listed
+    assert (found.wheels["fl_joint"]["y"], found.wheels["fr_joint"]["y"]) == (0.18, -0.12)
 
 
 def test_meshes_beside_the_joints_are_listed_by_their_centers_of_gravity(described: Write) -> None:
@@ -238,7 +239,10 @@ def test_meshes_beside_the_joints_are_listed_by_their_centers_of_gravity(describ
     apart = '<origin xyz="0 0.02 0"/><mass value="0.5"/>'
     urdf = meshes.replace('<origin xyz="0 0 0"/><mass value="0.5"/>', apart)
     (listed,) = described(urdf, CONTROLLER).contradictions
-    assert "center of gravity of the mesh, is 0.02 m beside the joint" in listed
+    assert (
+        "center of gravity of the mesh is 0.02 m beside the joint along the axle; used: the joint"
+        in listed
+    )
 
 
 def test_the_chassis_around_three_wheels_has_its_middle_between_them(described: Write) -> None:
