@@ -16,8 +16,11 @@ from omni_tools.robot_files.controllers import Controller, wrapped
 from omni_tools.robot_files.links import Joint, Robot, Shape
 
 _MOVING = ("continuous", "revolute")
-_WHEEL = re.compile(r"wheel|whl|mecanum|omni|tire|tyre", re.IGNORECASE)
-_NO_WHEEL = re.compile(r"roller|caster|castor|steer|cover|fender|mount|support|arch", re.IGNORECASE)
+_WHEEL = re.compile(
+    "(?!.*(roller|caster|castor|steer|cover|fender|mount|support|arch))"
+    ".*(wheel|whl|mecanum|omni|tire|tyre)",
+    re.IGNORECASE,
+)
 _UPRIGHT = 0.2  # limit on the vertical part of the axis of a wheel, and on the rest of a steering's
 _STEP, _ROUNDED = 15.0, 0.1  # usual directions, and the error of 3.14 as pi [deg]
 _LEVEL = 0.01  # limit on the difference in height of the axles of a vehicle's wheels [m]
@@ -136,12 +139,7 @@ def _likely(robot: Robot) -> list[Joint]:
     ]
     moving = [joint for joint in horizontal if joint.kind in _MOVING]
     driven = [joint for joint in moving if joint.name in robot.driven]
-    named = [
-        joint
-        for joint in horizontal
-        if _WHEEL.search(f"{joint.name} {joint.child}")
-        and not _NO_WHEEL.search(f"{joint.name} {joint.child}")
-    ]
+    named = [one for one in horizontal if _WHEEL.match(f"{one.name} {one.child}")]
     outermost = _outermost(robot, moving)  # not the rollers below
     lowest = min((float(robot.pose(one.child)[2, 3]) for one in outermost), default=0.0)
     low = [one for one in outermost if robot.pose(one.child)[2, 3] < lowest + _LEVEL]

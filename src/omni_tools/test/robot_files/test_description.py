@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import os
 import re
 from collections.abc import Callable
 from pathlib import Path
@@ -687,6 +688,21 @@ def test_xacro_finds_packages_beside_the_file(tmp_path: Path) -> None:
     assert wide.wheels["fl_joint"]["y"] == 0.25
     with pytest.raises(ConfigurationError, match="uses no argument trak; did you mean 'track'"):
         described_vehicle([str(main), "trak:=0.5"])
+
+
+def test_folders_around_a_file_may_disappear(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    main, scan = write_packages(tmp_path / "src"), os.scandir
+    (tmp_path / "src/gone").mkdir()
+
+    def scan_again(path: Any = ".") -> Any:
+        if str(path).endswith("gone"):
+            raise FileNotFoundError(path)
+        return scan(path)
+
+    monkeypatch.setattr(os, "scandir", scan_again)
+    assert len(described_vehicle([str(main)]).wheels) == 4
 
 
 def test_xacro_finds_files_that_a_package_installs_elsewhere(tmp_path: Path) -> None:
