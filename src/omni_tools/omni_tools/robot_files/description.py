@@ -71,7 +71,7 @@ def describe(
     if controller is not None:
         controller = matched(robot, controller)
     robot.base = base_link(robot, controller)
-    wheels = described_wheels(robot, controller, kind)
+    wheels: Wheels = described_wheels(robot, controller, kind)
     found = Described()
     found.kind = _kind(found, wheels, controller, kind)
     if found.kind == OMNI:
