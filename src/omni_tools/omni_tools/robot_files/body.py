@@ -61,9 +61,7 @@ def weigh(found: Described, robot: Robot, wheels: Wheels, ground: float) -> None
         )
     found.mass = rounded(mass)
     source = f"sum over the links of {robot.file}"
-    found.sources["body.mass"] = source
     height, radius = float(center[2]) - ground, max(found.radii, default=0.0)
-    found.sources |= dict.fromkeys(("body.x", "body.y", "body.height"), source)
     if height < _LOWEST * radius:
         found.contradictions.append(
             f"center of gravity: {plain(height)} m above the ground in {robot.file}, too "
@@ -71,8 +69,8 @@ def weigh(found: Described, robot: Robot, wheels: Wheels, ground: float) -> None
             "origins of the inertias"
         )
         height = math.nan
-    if math.isnan(height):
-        del found.sources["body.height"]
+    keys = ("body.mass", "body.x", "body.y", "body.height")
+    found.sources |= dict.fromkeys(keys[:3] if math.isnan(height) else keys, source)
     found.center = np.array((*center[:2], height))
     reach = 0.5 * math.hypot(found.measured["length"], found.measured["width"])
     if found.chassis is None:  # the size is that of the wheels' rectangle

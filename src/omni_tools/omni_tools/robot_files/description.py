@@ -1,9 +1,9 @@
 """Vehicle that the files of a robot describe, with their contradictions and gaps.
 
 If files contradict each other, all values are listed with the one that is used: positions are those
-of the joints, the radius is the controller's if such wheels fit between the axles, and the rolling
-direction is the one that the controller assumes, because its odometry is right or wrong on the
-robot.
+of the joints, and along the axles of the shapes, the radius is the controller's if such wheels fit
+between the axles, and the rolling direction is the one that the controller assumes, because its
+odometry is right or wrong on the robot.
 """
 
 from __future__ import annotations
@@ -73,7 +73,7 @@ def describe(
     if controller is not None:
         controller = matched(robot, controller)
     robot.base = base_link(robot, controller)
-    wheels = described_wheels(robot, controller, kind)
+    wheels: Wheels = described_wheels(robot, controller, kind)
     found = Described()
     found.kind = _kind(found, wheels, controller, kind)
     if found.kind == OMNI:
@@ -355,10 +355,13 @@ def _ask_about_names(found: Described, wheels: Wheels) -> None:
         if abs(wheel.beside) > 1e-3 + DIFFERENT * math.dist(wheel.place[:2], center)
     }
     if apart:
+        what, used = "center of gravity of the mesh", "joint"
+        if all(wheel.width > 0.0 for wheel in wheels):
+            what, used = "middle of the shape", "shape"
         found.contradictions.append(
-            f"{', '.join(apart)}: the middle of the shape, or the center of gravity of the mesh, "
-            f"is {', '.join(dict.fromkeys(apart.values()))} beside the joint along the axle; "
-            "used: the joint; measure from the center to the middle of a wheel"
+            f"{', '.join(apart)}: the {what} is {', '.join(dict.fromkeys(apart.values()))} beside "
+            f"the joint along the axle; used: the {used}; measure from the center to the middle of "
+            "a wheel"
         )
 
 

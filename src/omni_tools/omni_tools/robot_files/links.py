@@ -44,10 +44,8 @@ class Shape(NamedTuple):
     def corners(self) -> FloatArray:
         """Corners of the box around the shape, in the frame of its pose [m], shape (8, 3)."""
         radius, length = self.size[0], self.size[-1]
-        half = {
-            "box": 0.5 * np.array(self.size[:3]),
-            "cylinder": np.array([radius, radius, 0.5 * length]),
-        }.get(self.kind, np.full(3, radius))
+        half = np.array([radius, radius, 0.5 * length if self.kind == "cylinder" else radius])
+        half = 0.5 * np.array(self.size) if self.kind == "box" else half
         signs = np.array(np.meshgrid(*3 * [(-1.0, 1.0)])).reshape(3, 8).T
         return np.asarray(signs * half @ self.pose[:3, :3].T + self.pose[:3, 3])
 
@@ -155,8 +153,7 @@ class Robot:
             return None
         friction = {one.tag: one.text or "" for one in element.iter()}
         (first,) = list(element.iter("fdir1"))[:1]
-        named = [value for key, value in first.attrib.items() if key.endswith("expressed_in")]
-        frame = named[0] if named and named[0] in self.links else link
+        frame = next((one for one in first.attrib.values() if one in self.links), link)
         try:
             direction = np.array([float(word) for word in friction["fdir1"].split()])
             along, across = float(friction.get("mu", friction.get("mu1", "1"))), friction.get("mu2")

@@ -16,8 +16,11 @@ from omni_tools.robot_files.controllers import Controller, wrapped
 from omni_tools.robot_files.links import Joint, Robot, Shape
 
 _MOVING = ("continuous", "revolute")
-_WHEEL = re.compile(r"wheel|whl|mecanum|omni|tire|tyre", re.IGNORECASE)
-_NO_WHEEL = re.compile(r"roller|caster|castor|steer|cover|fender|mount|support|arch", re.IGNORECASE)
+_WHEEL = re.compile(
+    "(?!.*(roller|caster|castor|steer|cover|fender|mount|support|arch))"
+    ".*(wheel|whl|mecanum|omni|tire|tyre)",
+    re.IGNORECASE,
+)
 _UPRIGHT = 0.2  # limit on the vertical part of the axis of a wheel, and on the rest of a steering's
 _STEP, _ROUNDED = 15.0, 0.1  # usual directions, and the error of 3.14 as pi [deg]
 _LEVEL = 0.01  # limit on the difference in height of the axles of a vehicle's wheels [m]
@@ -28,7 +31,8 @@ class DescribedWheel(NamedTuple):
 
     Attributes:
         joint: name of its joint.
-        place: origin of the joint [m], shape (3,).
+        place: origin of the joint, moved along the axle to the middle of the shape [m], shape (3,);
+            the joint turns the wheel, so that its origin may be anywhere on the axle.
         heading_deg: rolling direction for a positive speed of the joint, counter-clockwise from x.
         roller_deg: axis of the rollers from the rolling direction, above -90 and up to 90 deg; None
             if the description does not contain it.
@@ -135,12 +139,7 @@ def _likely(robot: Robot) -> list[Joint]:
     ]
     moving = [joint for joint in horizontal if joint.kind in _MOVING]
     driven = [joint for joint in moving if joint.name in robot.driven]
-    named = [
-        joint
-        for joint in horizontal
-        if _WHEEL.search(f"{joint.name} {joint.child}")
-        and not _NO_WHEEL.search(f"{joint.name} {joint.child}")
-    ]
+    named = [one for one in horizontal if _WHEEL.match(f"{one.name} {one.child}")]
     outermost = _outermost(robot, moving)  # not the rollers below
     lowest = min((float(robot.pose(one.child)[2, 3]) for one in outermost), default=0.0)
     low = [one for one in outermost if robot.pose(one.child)[2, 3] < lowest + _LEVEL]
@@ -223,6 +222,7 @@ def _wheel(robot: Robot, joint: Joint) -> DescribedWheel:
     cylinders = {one.of: one for one in round_shapes if one.kind == "cylinder"}
     solid = cylinders.get("collision", cylinders.get("visual"))
     middle = solid.pose[:3, 3] if solid is not None else center if mass else place
+    beside = float((middle - place) @ axis)
     heading = math.degrees(math.atan2(-axis[0], axis[1]))
     usual = _STEP * round(heading / _STEP)
     heading = round(wrapped(usual if abs(heading - usual) < _ROUNDED else heading), 6)
@@ -233,12 +233,12 @@ def _wheel(robot: Robot, joint: Joint) -> DescribedWheel:
         roller = round(wrapped(2.0 * away) / 2.0, 1)
     return DescribedWheel(
         joint=joint.name,
-        place=place,
+        place=place if solid is None else place + beside * axis,
         heading_deg=heading,
         roller_deg=roller,
         radii={one.of: one.size[0] for one in round_shapes},  # the largest is the last one
         width=0.0 if solid is None else solid.size[1],
-        beside=float((middle - place) @ axis),
+        beside=beside,
         mass=mass,
         inertia=inertia,
     )

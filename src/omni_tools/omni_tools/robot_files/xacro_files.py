@@ -7,6 +7,7 @@ those that need more than arithmetic, texts, lists and xacro's own functions are
 
 import ast
 import contextlib
+import glob
 import importlib
 import io
 import re
@@ -220,9 +221,10 @@ def packages_around(path: Path) -> dict[str, Path]:
     own = next((row for row, one in enumerate(parents) if (one / "package.xml").exists()), 0)
     for folder in parents[: own + _LEVELS + 1]:
         for depth in range(_LEVELS + 1):
-            for manifest in sorted(folder.glob("*/" * depth + "package.xml")):
-                if name := re.search(r"<name>\s*([\w-]+)\s*</name>", _text(manifest)):
-                    found.setdefault(name[1], manifest.parent)
+            # Unlike that of a Path, this `glob` skips folders that disappear meanwhile.
+            for manifest in sorted(glob.glob("*/" * depth + "package.xml", root_dir=folder)):
+                if name := re.search(r"<name>\s*([\w-]+)\s*</name>", _text(folder / manifest)):
+                    found.setdefault(name[1], (folder / manifest).parent)
     texts = (_text(one) for one in (path, *sorted(path.parent.glob("*.xacro"))))
     wanted = {name for text in texts for names in _FIND.findall(text) for name in names if name}
     for folder in parents:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import os
 import re
 from collections.abc import Callable
 from pathlib import Path
@@ -229,8 +230,9 @@ def test_shapes_beside_the_joints_are_listed_once(described: Write) -> None:
     apart = '<origin xyz="0 0.03 0" rpy='
     found = described(mecanum_urdf().replace("<origin rpy=", apart))
     (listed,) = found.contradictions
-    assert listed.startswith("fl_joint, fr_joint, rl_joint, rr_joint: the middle of the shape")
-    assert "0.03 m beside the joint" in listed
+    assert listed.startswith("fl_joint, fr_joint, rl_joint, rr_joint: the middle of the shape is")
+    assert "0.03 m beside the joint along the axle; used: the shape" in listed
+    assert (found.wheels["fl_joint"]["y"], found.wheels["fr_joint"]["y"]) == (0.18, -0.12)
 
 
 def test_meshes_beside_the_joints_are_listed_by_their_centers_of_gravity(described: Write) -> None:
@@ -239,7 +241,10 @@ def test_meshes_beside_the_joints_are_listed_by_their_centers_of_gravity(describ
     apart = '<origin xyz="0 0.02 0"/><mass value="0.5"/>'
     urdf = meshes.replace('<origin xyz="0 0 0"/><mass value="0.5"/>', apart)
     (listed,) = described(urdf, CONTROLLER).contradictions
-    assert "center of gravity of the mesh, is 0.02 m beside the joint" in listed
+    assert (
+        "center of gravity of the mesh is 0.02 m beside the joint along the axle; used: the joint"
+        in listed
+    )
 
 
 def test_the_chassis_around_three_wheels_has_its_middle_between_them(described: Write) -> None:
@@ -684,6 +689,21 @@ def test_xacro_finds_packages_beside_the_file(tmp_path: Path) -> None:
     assert wide.wheels["fl_joint"]["y"] == 0.25
     with pytest.raises(ConfigurationError, match="uses no argument trak; did you mean 'track'"):
         described_vehicle([str(main), "trak:=0.5"])
+
+
+def test_folders_around_a_file_may_disappear(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    main, scan = write_packages(tmp_path / "src"), os.scandir
+    (tmp_path / "src/gone").mkdir()
+
+    def scan_again(path: Any = ".") -> Any:
+        if str(path).endswith("gone"):
+            raise FileNotFoundError(path)
+        return scan(path)
+
+    monkeypatch.setattr(os, "scandir", scan_again)
+    assert len(described_vehicle([str(main)]).wheels) == 4
 
 
 def test_xacro_finds_files_that_a_package_installs_elsewhere(tmp_path: Path) -> None:
