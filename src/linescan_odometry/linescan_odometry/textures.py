@@ -10,10 +10,11 @@ of the ground should remain: if more of the texture remains, it is oblique.
 
 import dataclasses
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 
 from linescan_odometry.joint.spectra import SIGNIFICANT
 from linescan_odometry.measurements import Decay, SensorReading
+from linescan_odometry.paths_across import PathsAcross
 from omni_core.sensors import LineSensor
 
 # Limits on the share of a texture that moves on in the view [1]: below the first, features of
@@ -28,20 +29,15 @@ _SLOWEST = 0.03  # m/s across the axis; at lower speeds, oblique texture causes 
 class Textures:
     """Decides whether textures are oblique, and adds the effect of unknown slopes to variances."""
 
-    def __init__(
-        self,
-        sensors: Mapping[str, LineSensor],
-        path: Callable[[str, int, float, float], float],
-    ) -> None:
+    def __init__(self, sensors: Mapping[str, LineSensor], paths: PathsAcross) -> None:
         """Create the decision; nothing is known of any texture.
 
         Args:
             sensors: watched cameras, keyed by name.
-            path: function that returns how far a camera has moved across its axis [m]; its
-                arguments are those of `UnsuitableViews._path_across`.
+            paths: motion of the cameras across their axes, which the caller updates.
         """
         self._sensors = sensors
-        self._path = path
+        self._paths = paths
         # Stamps [ns] at which textures were decided to be ordinary or oblique, and the decisions.
         self._textures: dict[str, tuple[int, str]] = {}
 
@@ -128,7 +124,7 @@ class Textures:
             # A periodic ground leaves the view and returns; fibers remain in all comparisons.
             remains = remains and decay.most > oblique - deviation
             if decay.shifted and decay.least > oblique + error:
-                path = self._path(name, stamp_ns, decay.age, across)
+                path = self._paths.length(name, stamp_ns, decay.age, across)
                 found = (
                     stamp_ns,
                     f"oblique texture: {100.0 * decay.least:.0f} % in common after "
@@ -138,7 +134,7 @@ class Textures:
             return found
         if name in self._textures:
             age = 1e-9 * (stamp_ns - self._textures[name][0])
-            if self._path(name, stamp_ns, age, across) < self._sensors[name].width:
+            if self._paths.length(name, stamp_ns, age, across) < self._sensors[name].width:
                 return self._textures[name]
         return None
 
@@ -153,7 +149,7 @@ class Textures:
         """
         width = self._sensors[name].width
         blur = abs(across) * decay.duration / width
-        path = self._path(name, stamp_ns, decay.age, across) / width
+        path = self._paths.length(name, stamp_ns, decay.age, across) / width
         return common_ground(path, blur) / common_ground(0.0, blur)
 
     def oblique(

@@ -6,7 +6,6 @@ therefore counts as occluded only in two cases: its view becomes constant sooner
 stop (at most 15 m/s^2), or its view does not change although the camera moves.
 """
 
-import bisect
 import math
 from collections.abc import Mapping
 from typing import NamedTuple
@@ -15,6 +14,7 @@ import numpy as np
 
 from linescan_odometry.joint.spectra import SIGNIFICANT
 from linescan_odometry.measurements import SensorReading
+from linescan_odometry.paths_across import GAP_NS, PathsAcross
 from linescan_odometry.textures import Textures
 from omni_core.quantities import FloatArray
 from omni_core.sensors import LineSensor, velocity_row
@@ -27,10 +27,6 @@ _HARDEST_STOP = 15.0  # m/s^2; a hard stop on a dry road reaches 10
 # m/s^2; hardest stop of one camera while others move on: 5 rad/s^2 between cameras 1 m apart
 _HARDEST_TURN = 5.0
 _CERTAIN = 4.0  # standard deviations by which a stop must be too hard
-_REMEMBERED_NS = 1_280_000_000  # ns; twists are stored for this time, longer than a keyframe
-# Limit on the time without a twist over which the motion is extrapolated, and time for which the
-# view of an occluded camera must change before the camera is used again [ns].
-_GAP_NS = 50_000_000
 
 
 class _Motion(NamedTuple):
@@ -38,7 +34,7 @@ class _Motion(NamedTuple):
 
     Attributes:
         stamp_ns: stamp of the twist [ns].
-        interval_ns: time since the twist before [ns], at most `_GAP_NS`.
+        interval_ns: time since the twist before [ns], at most `GAP_NS`.
         twist: mean over the batch (v_x, v_y [m/s], yaw rate [rad/s]), shape (3,).
         deviations: standard deviation of the velocity along each camera's axis, over textures of
             known slope [m/s].
@@ -69,17 +65,17 @@ class UnsuitableViews:
             )
             for name, s in sensors.items()
         }
-        self._textures = Textures(sensors, self._path_across)
+        self._paths = PathsAcross(sensors)
+        self._textures = Textures(sensors, self._paths)
         self._start_anew()
 
     def _start_anew(self) -> None:
-        self._stamps: list[int] = []
-        self._paths: list[FloatArray] = []  # distance across each axis [m]
+        self._paths.clear()
         self._covered: dict[str, str] = {}
         self._textures.reset()
         self._alone: set[str] = set()  # covered cameras that stopped while others moved on
         self._static_ns: dict[str, int] = {}  # stamps at which views last were constant [ns]
-        self._twists: list[_Motion] = []  # those of the last `_GAP_NS`, and the last one
+        self._twists: list[_Motion] = []  # those of the last `GAP_NS`, and the last one
         # Deviations of the present velocities, over textures of known slope [m/s].
         self._own: dict[str, float] = {}
 
@@ -89,7 +85,7 @@ class UnsuitableViews:
         """Return the readings of occluded cameras, marked as unmeasured.
 
         A camera counts as occluded if its view became constant sooner than a vehicle can stop. The
-        camera remains occluded until its view has changed for `_GAP_NS`.
+        camera remains occluded until its view has changed for `GAP_NS`.
 
         Args:
             stamp_ns: stamp of the readings [ns].
@@ -103,7 +99,7 @@ class UnsuitableViews:
         static = {n: r for n, r in readings.items() if n in self._sensors and _is_static(r)}
         for name in self._sensors.keys() & readings.keys() - static.keys():
             # Because of noise, a constant view is not recognized in every batch.
-            if stamp_ns - self._static_ns.get(name, stamp_ns) > _GAP_NS:
+            if stamp_ns - self._static_ns.get(name, stamp_ns) > GAP_NS:
                 self._covered.pop(name, None)
         self._static_ns |= dict.fromkeys(static, stamp_ns)
         sudden = ""
@@ -238,11 +234,12 @@ class UnsuitableViews:
         """
         found: dict[str, SensorReading] = {}
         ordinary: frozenset[str] = frozenset()
-        if self._stamps and 0 < stamp_ns - self._stamps[-1] < _GAP_NS:
+        stamps = self._paths.stamps
+        if stamps and 0 < stamp_ns - stamps[-1] < GAP_NS:
             across = self._across(self._twists[-1].twist)
             found = self._textures.sloping(stamp_ns, readings, across)
             found |= self._textures.oblique(stamp_ns, {**readings, **found}, across)
-            if len(self._stamps) > 1:
+            if len(stamps) > 1:
                 return found
             ordinary = self._textures.decided
         blind = [
@@ -267,20 +264,12 @@ class UnsuitableViews:
             stamp_ns: stamp of the twist [ns].
             twist: measured twist (v_x, v_y [m/s], yaw rate [rad/s]), shape (3,).
         """
-        if self._stamps and not 0 < stamp_ns - self._stamps[-1] < _GAP_NS:
-            self._stamps.clear()
-            self._paths.clear()
-        interval_ns = _GAP_NS
+        interval_ns = GAP_NS
         if self._twists:
-            interval_ns = min(stamp_ns - self._twists[-1].stamp_ns, _GAP_NS)
-        self._twists = [last for last in self._twists if stamp_ns - last.stamp_ns < _GAP_NS]
+            interval_ns = min(stamp_ns - self._twists[-1].stamp_ns, GAP_NS)
+        self._twists = [last for last in self._twists if stamp_ns - last.stamp_ns < GAP_NS]
         self._twists.append(_Motion(stamp_ns, interval_ns, twist, self._own))
-        elapsed = 1e-9 * interval_ns if self._stamps else 0.0
-        across = np.array([rows[1] @ twist for rows in self._rows.values()])
-        self._paths.append((self._paths[-1] if self._paths else 0.0) + across * elapsed)
-        self._stamps.append(stamp_ns)
-        while stamp_ns - self._stamps[0] >= _REMEMBERED_NS:
-            del self._stamps[0], self._paths[0]
+        self._paths.append(stamp_ns, self._across(twist))
 
     def _contradicted(
         self, stamp_ns: int, readings: Mapping[str, SensorReading], twist: FloatArray
@@ -297,13 +286,14 @@ class UnsuitableViews:
         """
         farthest, covered = _STILL_SHARE, {}
         # Before the first stored twist, the motion is unknown.
-        known = max(stamp_ns - self._stamps[0] if self._stamps else 0, _GAP_NS)
+        stamps = self._paths.stamps
+        known = max(stamp_ns - stamps[0] if stamps else 0, GAP_NS)
         for name, reading in readings.items():
             static = reading.static_time if name in self._sensors else 0.0
             if not reading.measured or static == 0.0:
                 continue
             across = float(self._rows[name][1] @ twist)
-            path = self._path_across(name, stamp_ns, min(static, 1e-9 * known), across)
+            path = self._paths.length(name, stamp_ns, min(static, 1e-9 * known), across)
             share = path / self._sensors[name].width
             if share > farthest:
                 farthest = share
@@ -314,30 +304,6 @@ class UnsuitableViews:
                 covered = {name: reading.rejected(reason)}
         self._covered |= {name: reading.reason for name, reading in covered.items()}
         return covered
-
-    def _path_across(self, name: str, stamp_ns: int, age: float, across: float) -> float:
-        """Return how far a camera has moved across its axis in the last `age` seconds [m].
-
-        Before the first stored twist, the motion is assumed to be zero.
-
-        Args:
-            name: name of the camera.
-            stamp_ns: present time [ns].
-            age: duration of the motion [s].
-            across: present velocity across the axis [m/s].
-        """
-        since = stamp_ns - round(1e9 * age)
-        if not self._stamps or since >= self._stamps[-1]:
-            return abs(across) * age
-        newest = 1e-9 * (stamp_ns - self._stamps[-1])
-        after = bisect.bisect(self._stamps, since)
-        number = list(self._rows).index(name)
-        path = float(self._paths[-1][number] - self._paths[after][number])
-        if after > 0:
-            begin, end = self._stamps[after - 1], self._stamps[after]
-            step = float(self._paths[after][number] - self._paths[after - 1][number])
-            path += step * (end - since) / (end - begin)
-        return abs(path + across * (newest if 1e9 * newest < _GAP_NS else 0.0))
 
     def _would_show(self, name: str, along: float, across: float, duration: float) -> bool:
         """Return whether a motion would have changed the view of a camera.
