@@ -67,8 +67,9 @@ def observe_brakes(law: Constants, memory: Memory, motion: Motion) -> bool:
     body, wheels = memory.body[0], memory.wheel
     if not math.isfinite(motion.force_x + motion.force_y) or motion.failed_brake != NO_WHEEL:
         wheels["lost"][:] = body.pushed = body.span = 0.0
-        body.felt[:] = wheels["impulse"][:] = wheels["spun"][:] = 0.0
         return False
+    if body.span == 0.0:
+        body.felt[:] = wheels["impulse"][:] = wheels["spun"][:] = 0.0
     felt, follow = _acceleration(law, memory, motion), 1.0 - math.exp(-body.dt / _LATE)
     body.span += body.dt
     for j in range(2):
@@ -79,7 +80,6 @@ def observe_brakes(law: Constants, memory: Memory, motion: Motion) -> bool:
     if motion.new_force:
         _weigh_reading(law, memory)
         body.span = 0.0
-        body.felt[:] = wheels["impulse"][:] = wheels["spun"][:] = 0.0
     for wheel in wheels:
         wheel.late_brake += follow * (wheel.brake - wheel.late_brake)
     return failed_brake(memory, motion.pedal) != NO_WHEEL
