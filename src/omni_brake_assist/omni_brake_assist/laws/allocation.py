@@ -81,7 +81,6 @@ def step(
         memory.sent[:] = memory.qp.solution[:] = wheel["brake"][:] = wheel["force"][:] = 0.0
         wheel["lost"][:] = wheel["late_brake"][:] = body.contradiction[:] = 0.0
         body.pushed = body.span = 0.0
-        body.felt[:] = wheel["impulse"][:] = wheel["spun"][:] = 0.0
         wheel["capacity"][:] = law.mass * GRAVITY / wheel.size
     enough = observe(law, memory, motion, error) and motion.pedal > 0.0
     if not enough or (body.steps > 0 and observe_brakes(law, memory, motion)):

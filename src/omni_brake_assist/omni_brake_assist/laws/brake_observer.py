@@ -6,7 +6,7 @@ specific force that the IMU measures with ``F/m``, for the sum ``F`` of all fric
 brake works, and for that without the force of one brake. The logarithm of the ratio of both
 likelihoods is accumulated for each wheel (Page's cumulative sum, as in `monitors.brake_monitor`).
 A reading that is held for several steps counts once, with the mean of the forces in these steps.
-A slip of the wheel is evidence that its brake works.
+A slip of the wheel is evidence that its brake works. A brake with little effect gives no evidence.
 
 A push, or any other external force, changes the specific force too, but in any direction. It is a
 further hypothesis, so that a brake only counts as failed if its force explains the change better.
@@ -47,6 +47,7 @@ _FORCE = 0.12  # standard deviation of the friction force of a wheel, relative t
 _LATE = 0.03  # time constant with which a brake may lag behind its nominal force [s]
 _VELOCITY = 0.03  # error of the velocity from the specific force that contradicts the twist [m/s]
 _ACCELERATION = 0.25  # standard deviation of the specific force, including swaying tires [m/s^2]
+_OBSERVABLE = 3.0  # smallest effect of a brake that is evidence, in this unit [1]
 _PUSH = 1.0  # standard deviation of the effect of an external force, a tenth of the weight [m/s^2]
 _CORRELATION = 0.03  # time over which these errors are correlated [s]
 # Time constant with which evidence is forgotten [s]. The evidence of a failure grows faster. Wrong
@@ -66,8 +67,9 @@ def observe_brakes(law: Constants, memory: Memory, motion: Motion) -> bool:
     body, wheels = memory.body[0], memory.wheel
     if not math.isfinite(motion.force_x + motion.force_y) or motion.failed_brake != NO_WHEEL:
         wheels["lost"][:] = body.pushed = body.span = 0.0
-        body.felt[:] = wheels["impulse"][:] = wheels["spun"][:] = 0.0
         return False
+    if body.span == 0.0:
+        body.felt[:] = wheels["impulse"][:] = wheels["spun"][:] = 0.0
     felt, follow = _acceleration(law, memory, motion), 1.0 - math.exp(-body.dt / _LATE)
     body.span += body.dt
     for j in range(2):
@@ -78,7 +80,6 @@ def observe_brakes(law: Constants, memory: Memory, motion: Motion) -> bool:
     if motion.new_force:
         _weigh_reading(law, memory)
         body.span = 0.0
-        body.felt[:] = wheels["impulse"][:] = wheels["spun"][:] = 0.0
     for wheel in wheels:
         wheel.late_brake += follow * (wheel.brake - wheel.late_brake)
     return failed_brake(memory, motion.pedal) != NO_WHEEL
@@ -113,7 +114,8 @@ def _weigh_reading(law: Constants, memory: Memory) -> None:
         gained = _evidence(memory, felt, without, known, 0.0) - works
         gained += 0.5 * min(ROLLS**2 - slip**2, 0.0)
         wheel.lost *= kept
-        if begun and wheel.known and wheel.hub >= SLOW:
+        observable = -less * body.inverse_mass > _OBSERVABLE * _ACCELERATION
+        if begun and observable and wheel.known and wheel.hub >= SLOW:
             wheel.lost = max(wheel.lost + share * gained, 0.0)
         largest = max(largest, wheel.lost)
     if begun and largest == 0.0:

@@ -8,8 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from omni_brake_assist.laws.law import NO_WHEEL
 from omni_runs.compiled import run_fast_loop
-from omni_runs.experiment import ExperimentLibrary
+from omni_runs.experiment import WITHOUT_CAMERAS, ExperimentLibrary
 from omni_sim.vehicle.configuration import WheelCondition
 from omni_studies.campaign.brake_detection import detection
 from omni_studies.campaign.drawn_faults import SensorFault
@@ -110,6 +111,23 @@ def test_without_an_imu_a_lost_brake_is_found(law: str, case: str, within: float
 def test_an_imu_shortens_the_detection(case: str) -> None:
     longest = _longest_delay("allocation", case, imu=True)
     assert longest <= min(0.2, _longest_delay("allocation", case, imu=False))
+
+
+@pytest.mark.parametrize(
+    ("pedal", "settings"),
+    [
+        (0.2, ["vehicle.brake.kind=proportional"]),
+        (0.06, ["vehicle.brake.dead_time=0.05", "maneuver.speed=9.1"]),
+    ],
+)
+def test_working_brakes_are_not_reported_in_a_gentle_stop(
+    pedal: float, settings: list[str]
+) -> None:
+    changes = ["encoders.resolution=4096", "brake_assist.law=allocation", f"maneuver.pedal={pedal}"]
+    base = LIBRARY.load("straight_line", "assisted", [*WITHOUT_CAMERAS, *changes, *settings])
+    run = run_fast_loop(base)
+    assert run.stopped
+    assert run.failed == NO_WHEEL
 
 
 def test_a_loss_is_observable_when_the_brake_is_commanded() -> None:
