@@ -328,7 +328,7 @@ def _summed(space: Floats, first: int, end: int, seen: int) -> Floats:
     """
     half = np.float32(0.5)
     sums = np.zeros((4, seen), np.float32)
-    by_d, shared, whole, shift = sums
+    by_d, shared, whole, shift = sums[0], sums[1], sums[2], sums[3]
     for k in range(first, end):
         moved, slopes, energy, texture = space[0, k], space[1, k], space[2, k], space[3, k]
         for i in range(seen):
