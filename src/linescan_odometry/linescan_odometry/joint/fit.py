@@ -102,7 +102,7 @@ def unequal_pixels(lines: Floats, noise: float) -> float:
     all lines contain hardly any ground texture, because the optics blur it. The argument `noise`
     is the variance of the noise of a pixel.
     """
-    still = lines.sum(axis=0) / np.float32(len(lines))
+    still = spectra.mean_of(lines)
     third = still[3:] - still[:-3] - np.float32(3.0) * (still[2:-1] - still[1:-2])
     # The coefficients 1, 3, 3 and 1 have the sum of squares 20.
     variance = float(np.median(third * third)) / (20.0 * _MEDIAN_SQUARE)
