@@ -130,38 +130,36 @@ def _average(lines: Float32Array, count: int, displacement: float, step: int) ->
     means[0] /= np.float32((count + 1) // 2)
     means[1] /= np.float32(count // 2)
     gradients = np.zeros((3, size), np.float32)
-    whole, even, odd = gradients
+    whole, even, odd = gradients[0], gradients[1], gradients[2]
     _differentiate(means[0], step, even)
     _differentiate(means[1], step, odd)
     half, zero = np.float32(0.5), np.float32(0.0)
     power, noise, second, fourth = zero, zero, zero, zero
     for i in range(size):
         whole[i] = half * (even[i] + odd[i])
-        square = whole[i] * whole[i]
+        square, error = whole[i] * whole[i], half * (even[i] - odd[i])
         power += even[i] * odd[i]
-        noise += half * half * (even[i] - odd[i]) ** 2
+        noise += error * error
         second += square
         fourth += square * square
     kurtosis = size * fourth / max(second**2, 1e-30)  # 3 for a Gaussian distribution
     return Group(gradients, first, power / size, noise / size, min(3.0 / max(kurtosis, 1.0), 1.0))
 
 
-@kernel
+@_summing
 def _differentiate(line: Float32Array, step: int, gradient: Float32Array) -> None:
     """Write to `gradient`, for each position, the sum of the next `step` pixels minus the last."""
     if len(line) < 2 * step:
         return
-    ahead, behind = 0.0, 0.0
-    for i in range(step):
-        behind += line[i]
-        ahead += line[i + step]
-    gradient[0] = ahead - behind
-    for i in range(1, len(gradient)):
-        middle = float(line[i + step - 1])
-        behind += middle - line[i - 1]
-        ahead += line[i + 2 * step - 1] - middle
-        gradient[i] = ahead - behind
-    limit = np.float32(_LIMIT * np.abs(gradient).mean())
+    gradient[:] = 0.0
+    for place in range(step):  # loops along the line can be vectorized, unlike running sums
+        ahead, behind = line[place + step :], line[place:]
+        for i in range(len(gradient)):
+            gradient[i] += ahead[i] - behind[i]
+    total = np.float32(0.0)
+    for i in range(len(gradient)):
+        total += abs(gradient[i])
+    limit = np.float32(_LIMIT * total / len(gradient))
     for i in range(len(gradient)):
         gradient[i] = min(max(gradient[i], -limit), limit)
 

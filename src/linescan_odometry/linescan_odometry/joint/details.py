@@ -11,7 +11,7 @@ import math
 import numpy as np
 
 from linescan_odometry.joint.fit import PLACES
-from linescan_odometry.joint.spectra import Doubles, Floats, summing
+from linescan_odometry.joint.spectra import Doubles, Floats, mean_of, summing
 from omni_core.kernels import kernel, linked
 
 _LONGEST = 16  # details are shorter than this fraction of a line
@@ -30,7 +30,7 @@ def limited(logs: Floats) -> Floats:
         logs: logarithm of the gray levels, shape (m, n).
     """
     m, n = logs.shape
-    reach, mean = max(1, n // (2 * _LONGEST)), logs.sum(axis=0) / np.float32(m)
+    reach, mean = max(1, n // (2 * _LONGEST)), mean_of(logs)
     details, total = np.empty((m, n), np.float32), np.zeros(n + 1)
     for k in range(m):
         row, own = details[k], logs[k]

@@ -275,8 +275,7 @@ def _estimate(
     best = Solution(start, math.inf, 0.0, 0.0, 0.0, 0.0, UNSCALED, logs, pattern)
     other = best
     if not flaw and shifts and several:
-        mean = transformed.sum(axis=0) / np.float32(layout.lines)
-        other = moving(view, camera, pattern, layout, (d, mean))
+        other = moving(view, camera, pattern, layout, (d, spectra.mean_of(transformed)))
     if not flaw and (not (shifts and several) or abs(d) * (layout.lines - 1) < _SHIFTED):
         best = slow(view, camera, pattern, layout, (d, known), other.variance)
     parted = other.variance < best.variance
@@ -321,8 +320,7 @@ def _remembered(
     """
     kappa = np.arange(layout.lines) - 0.5 * (layout.lines - 1)
     paths = best.motion[0] * kappa + best.motion[1] * 0.5 * kappa**2
-    turn = candidates.phases(paths, layout.size, len(pattern.precision))
-    mean = turn.sum(axis=0) / np.float32(layout.lines)
+    mean = spectra.mean_of(candidates.phases(paths, layout.size, len(pattern.precision)))
     weight = (np.float32(1.0) - mean.real**2 - mean.imag**2) ** 2
     kept = np.float32(max(1.0 - (layout.lines - 1) * fading, 0.0))
     information, precision = best.pattern

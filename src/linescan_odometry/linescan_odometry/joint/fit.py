@@ -102,7 +102,7 @@ def unequal_pixels(lines: Floats, noise: float) -> float:
     all lines contain hardly any ground texture, because the optics blur it. The argument `noise`
     is the variance of the noise of a pixel.
     """
-    still = lines.sum(axis=0) / np.float32(len(lines))
+    still = spectra.mean_of(lines)
     third = still[3:] - still[:-3] - np.float32(3.0) * (still[2:-1] - still[1:-2])
     # The coefficients 1, 3, 3 and 1 have the sum of squares 20.
     variance = float(np.median(third * third)) / (20.0 * _MEDIAN_SQUARE)
@@ -328,7 +328,7 @@ def _summed(space: Floats, first: int, end: int, seen: int) -> Floats:
     """
     half = np.float32(0.5)
     sums = np.zeros((4, seen), np.float32)
-    by_d, shared, whole, shift = sums
+    by_d, shared, whole, shift = sums[0], sums[1], sums[2], sums[3]
     for k in range(first, end):
         moved, slopes, energy, texture = space[0, k], space[1, k], space[2, k], space[3, k]
         for i in range(seen):

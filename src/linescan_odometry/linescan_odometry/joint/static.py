@@ -147,7 +147,7 @@ def explained(lines: Spectrum, motion: Doubles, layout: Layout) -> tuple[float, 
     changes = _projected(seen.view(np.float32), number)
     shifted = _projected((seen * turn).view(np.float32), slow)
     before, fast, after = _energy(changes[:slow]), _energy(changes[slow:]), _energy(shifted)
-    total = _energy((seen - seen.sum(axis=0) / np.float32(m)).view(np.float32))
+    total = _energy((seen - spectra.mean_of(seen)).view(np.float32))
     noise = (total - before - fast) / max(m - 1 - number, 1)  # of each mode
     chance = spectra.SIGNIFICANT * noise * math.sqrt(2.0 * slow / use)
     whole = before - slow * noise
@@ -180,7 +180,7 @@ def ground_share(
         layout: sizes of the batch.
         noise: variance of the noise of a pixel, from `noise_of`.
     """
-    mean = lines.sum(axis=0) / np.float32(layout.lines)
+    mean = spectra.mean_of(lines)
     ordered, half = np.sort(mean), layout.pixels // 2
     shortest = int(np.argmin(ordered[half:] - ordered[: layout.pixels - half]))
     middle = ordered[shortest + half // 2]
