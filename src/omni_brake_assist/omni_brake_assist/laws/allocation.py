@@ -7,11 +7,12 @@ explain (`observers`). It solves the optimization problem (`braking_qp`)
 ``min (1 - b_0 x)^2 + W (|b_1 x - g_1| + |b_2 x - g_2|)``
 subject to ``0 <= x <= 1``
 
-for the forces ``f = c x``, with the weight ``W`` of heading and line of motion. The solution has
-the largest deceleration ``b_0 x`` for which the yaw moment ``b_1 x`` and the side force ``b_2 x``
-equal the demands ``g_1`` and ``g_2`` that keep heading and line of motion. Finally the law converts
-the forces to brake forces or to a pattern of on-off valves (`slip_control`). Mass, loads and tire
-properties need not be known. docs/allocation.md derives the equations.
+for the forces ``f = c x``, with the weight ``W`` of heading and line of motion; ``c`` is at most
+the brake force with the present pedal. The solution has the largest deceleration ``b_0 x`` for
+which the yaw moment ``b_1 x`` and the side force ``b_2 x`` equal the demands ``g_1`` and ``g_2``
+that keep heading and line of motion. Finally the law converts the forces to brake forces or to a
+pattern of on-off valves (`slip_control`). Mass, loads and tire properties need not be known.
+docs/allocation.md derives the equations.
 """
 
 import math

@@ -34,6 +34,8 @@ WHEEL = np.dtype(
         ("measured", "f8"),  # friction force over the last period [N]
         ("force", "f8"),  # low-passed friction force [N]
         ("capacity", "f8"),  # estimated friction capacity [N]
+        # Largest friction force with the present pedal: the capacity, or the whole brake force [N].
+        ("usable", "f8"),
         ("late_brake", "f8"),  # nominal brake force with an additional lag [N]
         ("impulse", "f8"),  # integral of `measured` since the last reading of the IMU [N s]
         ("spun", "f8"),  # part of this integral that has changed the speed of the rim [N s]
@@ -47,8 +49,8 @@ BODY = np.dtype(
         ("heading", "f8"),  # heading change since the start of braking [rad]
         ("twist", "f8", 3),  # velocity and yaw rate in the last step [m/s, m/s, rad/s]
         ("mass", "f8"),  # estimated mass of the vehicle [kg]
-        # Remaining time of the stop if the friction forces of all wheels equaled their capacities
-        # and opposed the motion [s].
+        # Remaining time of the stop if all wheels used the largest possible friction forces, and
+        # these opposed the motion [s].
         ("left", "f8"),
         ("yaw_disturbance", "f8"),  # yaw acceleration that friction does not explain [rad/s^2]
         ("lateral_disturbance", "f8"),  # unexplained acceleration across the line [m/s^2]
@@ -131,7 +133,7 @@ class Memory(NamedTuple):
         qp: the braking QP with the unknowns listed in `braking_qp`. Its solution begins with the
             demanded shares of the wheels' capacities.
         forces: predicted low-passed friction force of each wheel with the valve shut and with the
-            valve open, as a share of the capacity [1], shape (2, N).
+            valve open, as a share of the usable force [1], shape (2, N).
     """
 
     body: NDArray[np.void]

@@ -1,8 +1,10 @@
 """Quadratic program for the largest deceleration that heading and line of motion allow.
 
-The unknowns ``x`` are the friction forces of N wheels as shares of their capacities. The rows ``b``
-give deceleration, yaw moment and side force as shares of the sum of all capacities, ``g`` are the
-demanded yaw moment and side force, and ``W`` is the weight `deviation_weight`:
+The unknowns ``x`` are the friction forces of N wheels as shares of their usable forces. The usable
+force of a wheel is its friction capacity, or its whole brake force if this is less, because the
+pedal is only partly down. The rows ``b`` give deceleration, yaw moment and side force as shares of
+the sum of all usable forces, ``g`` are the demanded yaw moment and side force, and ``W`` is the
+weight `deviation_weight`:
 
 ``min (1 - b_0 x)^2 + W (|b_1 x - g_1| + |b_2 x - g_2|)``
 subject to ``0 <= x <= 1``.
@@ -32,8 +34,8 @@ _ROUNDING = 20.0  # weight of the quadratic part of the costs near zero [1]
 def new_qp(wheels: int) -> Box:
     """Return the quadratic program of N wheels; `allocate` writes the values of each step.
 
-    The first N unknowns are the used shares of the wheels' capacities. The other unknowns are the
-    amount above the demand and the amount below the demand, first for `YAW`, then for `SIDE`.
+    The first N unknowns are the used shares of the usable forces. The other unknowns are the amount
+    above the demand and the amount below the demand, first for `YAW`, then for `SIDE`.
     """
     qp = new_box(3, wheels + 4)
     qp.damping[:] = _SPREAD / wheels**2
@@ -47,12 +49,13 @@ def new_qp(wheels: int) -> Box:
 def allocate(law: Constants, memory: Memory, motion: Motion) -> None:
     """Write the quadratic program of this step to `memory.qp`, and solve it.
 
-    The solution begins with the friction force of each wheel as a share of the wheel's capacity.
+    The solution begins with the friction force of each wheel as a share of its usable force.
     """
     body, qp, n = memory.body[0], memory.qp, law.rim.size
     total = 0.0
-    for wheel in memory.wheel:
-        total += wheel.capacity
+    for i, wheel in enumerate(memory.wheel):
+        wheel.usable = min(wheel.capacity, law.most[i] * motion.pedal)
+        total += wheel.usable
     per = body.mass / total  # share per acceleration [s^2/m]
     speed = math.hypot(motion.v_x, motion.v_y)
     body.left = speed * per
@@ -70,7 +73,7 @@ def allocate(law: Constants, memory: Memory, motion: Motion) -> None:
     for k in range(4):
         qp.linear[n + k] = 0.5 * law.deviation_weight * (yaw if k < 2 else side)
     for i, wheel in enumerate(memory.wheel):
-        unit = wheel.sign * wheel.capacity / total
+        unit = wheel.sign * wheel.usable / total
         along = law.active[i, 0] * motion.v_x + law.active[i, 1] * motion.v_y
         across = law.active[i, 0] * motion.across_x + law.active[i, 1] * motion.across_y
         qp.rows[DECELERATION, i] = unit * along / (speed + 1e-9)

@@ -87,10 +87,10 @@ def _observe_wheels(law: Constants, memory: Memory, motion: Motion, error: Float
 def observe_friction(law: Constants, memory: Memory) -> None:
     """Update friction forces and capacities of all wheels.
 
-    The force of a sliding wheel is its capacity. If the force rises faster than the capacity may
-    grow, however, the tire is still deflecting, and the force is only a lower bound of the
-    capacity. The capacity then rises to the force with the time constant of the brakes' nominal
-    lag, because an error of this lag appears as friction.
+    The force of a sliding wheel is its capacity; that of a locked wheel is at most its brake force.
+    If the force rises faster than the capacity may grow, however, the tire is still deflecting, and
+    the force is only a lower bound of the capacity. The capacity then rises to the force with the
+    time constant of the brakes' nominal lag, because an error of this lag appears as friction.
 
     A wheel without a speed reading gets the largest capacity of the wheels with a reading, because
     its encoder may have been faulty before it was isolated. This capacity limits its force.
@@ -106,7 +106,7 @@ def observe_friction(law: Constants, memory: Memory) -> None:
             wheel.capacity = largest
             wheel.measured = min(wheel.measured, wheel.capacity)
         elif max(wheel.speed, wheel.last_speed) <= law.locked_share * wheel.hub:
-            wheel.measured = wheel.capacity  # it does not turn while its hub moves, so it slides
+            wheel.measured = wheel.usable  # it does not turn while its hub moves, so it slides
         rise = gain * (wheel.measured - wheel.force)
         wheel.force += rise
         growth = dt / (CASCADE**4 * law.observer_time) * wheel.capacity
@@ -115,7 +115,7 @@ def observe_friction(law: Constants, memory: Memory) -> None:
             wheel.capacity += share * max(wheel.measured - wheel.capacity, 0.0)
         elif wheel.hub > (1.0 + law.target_slip[i]) * wheel.speed:
             wheel.capacity += gain * (wheel.force - wheel.capacity)
-        elif memory.qp.solution[i] >= 1.0:
+        elif memory.qp.solution[i] >= 1.0 and wheel.usable >= wheel.capacity:
             wheel.capacity += growth
         wheel.capacity = min(max(wheel.capacity, wheel.force, _LEAST_CAPACITY), law.most[i])
 

@@ -70,8 +70,9 @@ def control_slip(law: Constants, memory: Memory, motion: Motion, enable: FloatAr
             rim = advance(law.brake, braked, rim, law.most[i] * command, *times)
         most = law.most[i] * motion.pedal
         if valves:
-            memory.forces[0, i] = _predict_share(law.brake, braked, rim, 0.0, *times)
-            memory.forces[1, i] = _predict_share(law.brake, braked, rim, most, *times)
+            shut = _predict_force(law.brake, braked, rim, 0.0, *times)
+            whole = _predict_force(law.brake, braked, rim, most, *times)
+            memory.forces[0, i], memory.forces[1, i] = shut / wheel.usable, whole / wheel.usable
             continue
         # A tire transmits its force only after it has deflected. Faster sliding shortens this time.
         push = law.relaxation_speed * max(1.0 - wheel.force / wheel.capacity, 0.0)
@@ -80,7 +81,7 @@ def control_slip(law: Constants, memory: Memory, motion: Motion, enable: FloatAr
         time = law.observer_time / CASCADE + body.dead_time
         aim = wheel.capacity + braked.mass * (rim.speed - goal) / time if goal > 0.0 else math.inf
         if share[i] < 1.0 or not wheel.known:
-            aim = min(aim, 2.0 * share[i] * wheel.capacity - rim.force)
+            aim = min(aim, 2.0 * share[i] * wheel.usable - rim.force)
         enable[i] = min(max(command_for(law.brake, rim.brake, aim, body.dt) / most, 0.0), 1.0)
     if valves:
         pattern = best_pattern(memory) | fixed or 1 << largest
@@ -112,19 +113,18 @@ def advance(
 
 
 @lean
-def _predict_share(
+def _predict_force(
     brake: NominalBrake, wheel: BrakedWheel, rim: Rim, command: float, dt: float, time: float
 ) -> float:
-    """Return the friction force after `command` has acted for one period [1].
+    """Return the friction force after `command` has acted for one period [N].
 
-    The force is a share of the capacity. For a brake with a lag, the prediction continues for one
-    time constant with a command of 0. The predicted force is low-passed like the measured force. If
-    the force alternates from one period to the next, its mean is therefore returned. The arguments
-    are those of `advance`.
+    For a brake with a lag, the prediction continues for one time constant with a command of 0. The
+    predicted force is low-passed like the measured force. If the force alternates from one period
+    to the next, its mean is therefore returned. The arguments are those of `advance`.
     """
     for _ in range(1 + math.ceil(brake.time_constant / dt - 1e-9)):
         rim, command = advance(brake, wheel, rim, command, dt, time), 0.0
-    return rim.force / wheel.capacity
+    return rim.force
 
 
 @lean
