@@ -244,15 +244,18 @@ def test_only_the_velocity_across_the_line_demands_a_lateral_force(
     assert memory.qp.goals[SIDE] == pytest.approx(-excess / (2.0 * time) * per, abs=1e-12)
 
 
-@pytest.mark.parametrize(("demanded", "grows"), [(1.0, True), (0.9, False)])
+@pytest.mark.parametrize(
+    ("demanded", "usable", "grows"),
+    [(1.0, 3000.0, True), (0.9, 3000.0, False), (1.0, 2000.0, False)],
+)
 def test_a_capacity_that_is_fully_demanded_grows_slowly(
-    mecanum: Wheels, demanded: float, grows: bool
+    mecanum: Wheels, demanded: float, usable: float, grows: bool
 ) -> None:
     law, memory = _law(mecanum)
     memory.body["dt"], memory.qp.solution[:4], wheel = 0.01, demanded, memory.wheel
     wheel["known"], wheel["hub"], wheel["speed"], wheel["last_speed"] = True, 5.0, 5.0, 5.0
     wheel["brake"] = wheel["force"] = 1000.0
-    wheel["capacity"] = 3000.0
+    wheel["capacity"], wheel["usable"] = 3000.0, usable  # less if the pedal is partly down
     observe_friction(law, memory)
     share = 0.01 / (16.0 * law.observer_time) * grows
     assert wheel["capacity"] == pytest.approx(3000.0 * (1.0 + share))
