@@ -12,10 +12,11 @@ of two hypotheses: the wheel rolls with a normally distributed deviation, or the
 arbitrary slip. The small, constant slip of a heavily loaded wheel, which its brake cannot lock,
 therefore does not count as free rolling. With little pressure, this slip is as small as the error
 of a rolling rim's speed. The deviation at which both hypotheses are equally likely is therefore at
-most half of the deviation that the torque causes on a wheel with twice the nominal load, and a brake whose torque would hardly change the speed gives hardly any evidence. The sum
-continues over several commands of the law to the
-same brake. It restarts after the brake has been released for longer than it was commanded to act.
-With such short commands, a brake with a lag does not reach the pressure at which its wheel slides.
+most half of the deviation that the torque causes on a wheel with twice the nominal load, and a
+brake whose torque would hardly change the speed gives hardly any evidence. The sum continues over
+several commands of the law to the same brake. It restarts after the brake has been released for
+longer than it was commanded to act. With such short commands, a brake with a lag does not reach the
+pressure at which its wheel slides.
 
 If all brakes act so weakly that no wheel slides, no failure is detected.
 """
