@@ -551,6 +551,8 @@ def test_a_controller_alone_must_be_in_meters(tmp_path: Path) -> None:
     path.write_text(CONTROLLER.replace("0.05", "5.0"))
     with pytest.raises(ConfigurationError, match=r"the radius of a wheel in drive .* is 5 m"):
         described_vehicle([str(path)])
+    with pytest.raises(ConfigurationError, match=r"radius of 0.9 m \(--wheel-radius\)"):
+        described_vehicle([str(path)], radius=0.9)
 
 
 def test_steered_wheels_and_several_controllers_are_refused(described: Write) -> None:
