@@ -751,6 +751,18 @@ def test_what_a_xacro_file_lacks_is_named(
     assert "\n" not in str(error.value)
 
 
+def test_an_argument_of_a_macro_in_another_file_is_asked_for(tmp_path: Path) -> None:
+    main = write_packages(tmp_path / "src")
+    (main.parent / "mast.xacro").write_text(
+        '<robot xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:macro name="mast">'
+        '<link name="$(arg mast)"/></xacro:macro></robot>'
+    )
+    call = '<xacro:include filename="mast.xacro"/><xacro:mast/></robot>'
+    main.write_text(main.read_text().replace("</robot>", call))
+    with pytest.raises(ConfigurationError, match="mast has no value; give mast:=VALUE;"):
+        described_vehicle([str(main)])
+
+
 def test_a_missing_package_can_be_left_out(tmp_path: Path) -> None:
     main = write_packages(tmp_path / "src")
     include = '<xacro:include filename="$(find lidar_description)/lidar.xacro" ns="lidar"/>'
