@@ -96,6 +96,17 @@ def test_an_output_that_cannot_be_written_is_a_failure_in_one_line(words: list[s
     assert (finished.returncode, finished.stderr) == (1, f"omni {words[0]}: {problem}\n")
 
 
+def test_a_refusal_that_cannot_be_written_is_one_line() -> None:
+    words = ["run", "nosuch", "--json"]
+    with Path("/dev/full").open("w") as full:
+        finished = subprocess.run(
+            omni_command(words), stdout=full, stderr=subprocess.PIPE, text=True, check=False,
+            env=omni_environment(), timeout=RUN_TIMEOUT,
+        )  # fmt: skip
+    assert finished.returncode == 2
+    assert re.fullmatch("omni run: experiment: 'nosuch' is not known.*\n", finished.stderr)
+
+
 def test_settings_of_a_notebook_or_of_no_terminal_change_no_result(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

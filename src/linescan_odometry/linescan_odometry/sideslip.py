@@ -115,8 +115,6 @@ class WheelSideslip:
         """
         if not reading.measured:
             return SideslipEstimate.unmeasured(reading.reason)
-        if reading.slope > 0.0:  # the slope of the texture would be an error of the angle
-            return SideslipEstimate.unmeasured("uncertain: the texture may be oblique")
         if not (math.isfinite(forward) and math.isfinite(yaw_rate)):
             return SideslipEstimate.unmeasured(
                 f"forward velocity {forward:g} m/s and yaw rate {yaw_rate:g} rad/s must be finite"
@@ -127,6 +125,8 @@ class WheelSideslip:
                 f"the wheel rolls at {speed:.3g} m/s; below {self._wheel.minimum_speed:g} m/s the "
                 "angle is undefined"
             )
+        if reading.slope > 0.0:  # the slope of the texture would be an error of the angle
+            return SideslipEstimate.unmeasured("uncertain: the texture may be oblique")
         seen = reading.velocity - yaw_rate * self._lever
         sideways = (seen - forward * self._along) / self._across
         # Gradient of v_s / |v_f| with respect to (u, v_f, Omega); derivative of the angle by v_s /

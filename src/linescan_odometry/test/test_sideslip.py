@@ -164,6 +164,8 @@ def test_a_contradiction_is_in_the_deviation(wrong: str, expose: Expose) -> None
     [
         (seen(), 0.0, "rolls at 0 m/s; below 0.5 m/s"),
         (seen(), -0.49, "below 0.5 m/s"),
+        (dataclasses.replace(seen(), slope=0.3), 0.0, "rolls at 0 m/s"),  # a view at rest
+        (dataclasses.replace(seen(), slope=0.3), 4.0, "the texture may be oblique"),
         (seen(), math.nan, "must be finite"),
         (SensorReading.unmeasured("no contrast"), 4.0, "no contrast"),
     ],

@@ -20,6 +20,7 @@ from omni_core.signals import ImuSample, TwistSample, WheelSample
 _STEP = np.dtype(
     [
         ("imu_ns", "i8"),  # stamp of the newest IMU reading [ns]
+        ("fresh", "?"),  # whether this reading is new in this step
         ("switched_ns", "i8"),  # stamp of the last valve update [ns]
         ("slow", "?"),  # whether the speed has fallen below the threshold
         ("reckoned", "?"),  # whether the motion is estimated without using the twist

@@ -68,13 +68,14 @@ def receive(constants: Constants, memory: Memory, inputs: Inputs) -> tuple[bool,
 @inlined
 def _receive(constants: Constants, memory: Memory, inputs: Inputs) -> tuple[bool, law.Motion]:
     """Compute the result of `receive`; kernels of this module can inline this function."""
-    fresh = inputs.imu.stamp_ns != memory.step[0].imu_ns
+    step, imu_ns = memory.step[0], inputs.imu.stamp_ns
+    step.fresh, step.imu_ns = imu_ns != step.imu_ns, imu_ns
     ready, first, dt, twist, across, failed = _check_and_estimate(constants, memory, inputs)
     (v_x, v_y, yaw_rate), (p_x, p_y) = twist, across
     isolated = memory.bank.record[0].best in (bank_state.NO_FORCE, bank_state.NO_IMU)
     f_x, f_y = (math.nan, math.nan) if isolated else (memory.inertial[1], memory.inertial[2])
     pedal, speeds = inputs.pedal, memory.law_speeds
-    motion = (first, dt, v_x, v_y, yaw_rate, p_x, p_y, pedal, speeds, failed, f_x, f_y, fresh)
+    motion = (first, dt, v_x, v_y, yaw_rate, p_x, p_y, pedal, speeds, failed, f_x, f_y, step.fresh)
     return ready, law.Motion(*motion)
 
 
@@ -214,9 +215,8 @@ def _estimate_motion(
         Number of the most probable hypothesis of the filter bank, or NO_ESTIMATE.
     """
     step = memory.step[0]
-    speeds, inertial, imu_ns = memory.speeds, memory.inertial, inputs.imu.stamp_ns
-    fresh, step.imu_ns = imu_ns != step.imu_ns, imu_ns
-    age = max(since(inputs.now_ns, imu_ns) * 1e-9, 0.0)
+    speeds, inertial = memory.speeds, memory.inertial
+    age = max(since(inputs.now_ns, inputs.imu.stamp_ns) * 1e-9, 0.0)
     enables, variance = memory.commanded, feedback.covariance
     released = enables[enables.argmin()] < 1.0
     least = min(variance[0, 0], variance[1, 1], variance[2, 2])
@@ -232,7 +232,7 @@ def _estimate_motion(
             memory.bank,
             inputs.now_ns,
             bank_state.Readings(
-                pedal, memory.commanded, inertial, speeds, fresh, age, lag, step.stuck
+                pedal, memory.commanded, inertial, speeds, step.fresh, age, lag, step.stuck
             ),
             TwistSample(feedback.stamp_ns, feedback.value, feedback.covariance, validity),
             memory.answer,

@@ -75,7 +75,7 @@ class BrakeAssistConfiguration(Configuration):
     """Change of the heading, and change of the direction of motion, up to which the law
     `allocation` makes no correction"""
     nominal_mass: float = parameter(1000.0, unit="kg", above=0.0, maximum=1.0e6)
-    """Approximate mass of the vehicle, the initial value of the mass estimate of the law
+    """Approximate mass of the vehicle for the brake monitor, and initial value in the law
     `allocation`"""
     wheel_inertia: float = parameter(1.0, unit="kg m^2", minimum=1e-6, maximum=1.0e4)
     """Nominal moment of inertia of a wheel about its axis, for the law `allocation`"""

@@ -21,7 +21,7 @@ from omni_core.brakes import ON_OFF, PROPORTIONAL, BrakeConfiguration
 from omni_core.configuration import ConfigurationError
 from omni_core.geometry import PlatformGeometry, WheelMount, cross
 from omni_core.kinematics import UnusablePlatformError
-from omni_core.signals import TwistSample
+from omni_core.signals import ImuSample, TwistSample
 
 
 class Drive:
@@ -200,6 +200,19 @@ def test_the_assistant_can_be_switched_while_the_pedal_is_down(mecanum: Wheels) 
         assert (decision.state is AssistState.DISABLED) == (not enabled)
         np.testing.assert_array_equal(decision.enable, expected.enable if enabled else 1.0)
         np.testing.assert_array_equal(decision.error, expected.error)
+
+
+@pytest.mark.parametrize("detects", [True, False])
+def test_a_reading_of_the_imu_is_new_in_one_step(mecanum: Wheels, detects: bool) -> None:
+    configuration = BrakeAssistConfiguration(wheels=mecanum, fault_detection=detects)
+    assist, new = BrakeAssist(configuration), []
+    for step in range(6):
+        stamp_ns = step * PERIOD_NS
+        feedback = TwistSample(stamp_ns, np.array((1.0, 0.0, 0.0)), 1e-6 * np.eye(3))
+        imu = ImuSample(step // 2 * 2 * PERIOD_NS, 0.0, np.zeros(2))
+        assist.update(BrakeDemand(stamp_ns, 0.0, feedback, imu=imu))
+        new.append(bool(assist._memory.step["fresh"][0]))
+    assert new == [True, False] * 3
 
 
 def test_kiwi_has_three_decisions(kiwi: Wheels) -> None:

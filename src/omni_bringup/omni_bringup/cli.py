@@ -15,7 +15,7 @@ import re
 import sys
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager, nullcontext, redirect_stdout
+from contextlib import contextmanager, nullcontext, redirect_stdout, suppress
 from typing import Any, NoReturn
 
 from omni_core import commands, configuration
@@ -104,7 +104,8 @@ def _run(words: Sequence[str]) -> int:
         problem = configuration.shortened(problem)
     _complain(program, problem)
     if as_json:
-        _print_json(_failure(program, problem, code))
+        with suppress(configuration.WorkError), _checked_output():
+            _print_json(_failure(program, problem, code))
     return code
 
 
@@ -130,17 +131,27 @@ def _publish(report: command_report.Report, program: str, *, as_json: bool) -> i
     if report.summary is not None:
         document = json.dumps(report.document, indent=2, allow_nan=False)
         command_report.write_text(report.summary / "summary.json", document + "\n")
-    try:
+    with _checked_output():
         _print_report(report, as_json=as_json)
+    for problem in report.problems:
+        _complain(program, problem)
+    return ExitCode.OK if report.ok and not report.problems else ExitCode.FAILED
+
+
+@contextmanager
+def _checked_output() -> Iterator[None]:
+    """Raise `WorkError` if the output of the ``with`` block cannot be written.
+
+    If the program that reads the output has ended, `BrokenPipeError` is raised.
+    """
+    try:
+        yield
         sys.stdout.flush()
     except BrokenPipeError:
         raise
     except OSError as error:  # such as a full disk
         _discard_output()
         raise configuration.WorkError(f"cannot write the output: {error.strerror}") from None
-    for problem in report.problems:
-        _complain(program, problem)
-    return ExitCode.OK if report.ok and not report.problems else ExitCode.FAILED
 
 
 def _print_report(report: command_report.Report, *, as_json: bool) -> None:

@@ -403,7 +403,8 @@ def _check_value(name: str, value: Any, kind: Any, info: ParameterInfo) -> None:
     if not isinstance(value, kind) or (kind is not bool and isinstance(value, bool)):
         problem = f"{_described(value)}, must be {_type_in_words(kind)}"
         if isinstance(value, str) and info.unit:
-            problem += f" in {info.unit}, without its unit and with a decimal point"
+            problem += f" in {info.unit}, without its unit"
+            problem += " and with a decimal point" if kind is float else ""
         raise ConfigurationError(name, problem)
     if isinstance(value, int | float) and not isinstance(value, bool):
         _check_range(name, value, info)

@@ -10,12 +10,13 @@ If they are proportional, all brakes act.
 Free rolling is tested by a cumulative sum (Page, Biometrika 41, 1954) of the log-likelihood ratio
 of two hypotheses: the wheel rolls with a normally distributed deviation, or the wheel has an
 arbitrary slip. The small, constant slip of a heavily loaded wheel, which its brake cannot lock,
-therefore does not count as free rolling. With little pressure, it is as small as the error of a
-rolling rim's speed, and gives less evidence: both hypotheses are equally likely at half of the slip
-that the torque causes on a wheel with twice the mean nominal load. The sum continues over several
-commands of the law to the same brake. It restarts after the brake has been released for longer than
-it was commanded to act. With such short commands, a brake with a lag does not reach the pressure at
-which its wheel slides.
+therefore does not count as free rolling. With little pressure, this slip is as small as the error
+of a rolling rim's speed. The deviation at which both hypotheses are equally likely is therefore at
+most half of the deviation that the torque causes on a wheel with twice the nominal load, and a
+brake whose torque would hardly change the speed gives hardly any evidence. The sum continues over
+several commands of the law to the same brake. It restarts after the brake has been released for
+longer than it was commanded to act. With such short commands, a brake with a lag does not reach the
+pressure at which its wheel slides.
 
 If all brakes act so weakly that no wheel slides, no failure is detected.
 """
@@ -46,8 +47,8 @@ class BrakeConstants(NamedTuple):
         n_y: active directions, y component [1], shape (N,).
         lever: levers of the active directions about the center of the wheels [m], shape (N,).
         roll: speed of the rim along the active direction per wheel speed [m], shape (N,).
-        peak: share of the full pressure that locks a wheel with twice the mean nominal load [1],
-            shape (N,).
+        peak: share of the full pressure that locks a wheel with twice the mean nominal load, less
+            than 1 [1], shape (N,).
         slip: slip of this wheel divided by smaller shares of the pressure; from the slope of the
             friction curve of `wheel_model` at rolling [1], shape (N,).
         time: duration of free rolling after which a brake counts as failed [s].
@@ -85,7 +86,9 @@ def brake_constants(
     n_x, n_y = np.ascontiguousarray(geometry.active.T)
     time = 0.1 + configuration.brake.settling_time
     force, rim = configuration.brake.max_torque / np.abs(geometry.rim), geometry.rim
-    peak = 2.0 / rim.size * configuration.nominal_mass * GRAVITY / np.maximum(force, 1e-9)
+    load = 2.0 / rim.size * configuration.nominal_mass * GRAVITY
+    # With full pressure a brake counts as able to lock this wheel, even if the mass is unknown.
+    peak = np.minimum(load / np.maximum(force, 1e-9), 1.0 - RELEASED)
     slip = 0.5 * configuration.allocation.target_slip * geometry.radius / np.abs(rim) / peak
     return BrakeConstants(n_x, n_y, geometry.lever, rim, peak, slip, time)
 

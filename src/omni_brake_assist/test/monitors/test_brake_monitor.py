@@ -95,6 +95,17 @@ def test_a_brake_that_gets_all_and_rolls_while_others_slide_by_less_has_failed(
     assert time <= 0.2
 
 
+@pytest.mark.parametrize("max_torque", [0.0, 10.0])
+def test_a_full_demand_shows_a_failed_brake_whatever_mass_is_configured(
+    configuration: BrakeAssistConfiguration, max_torque: float
+) -> None:
+    brake = dataclasses.replace(configuration.brake, max_torque=max_torque)
+    light = dataclasses.replace(configuration, brake=brake, nominal_mass=1000.0)
+    wheel, time = found(constants_of(light), np.array([0.0, 0.3, 0.3, 0.3]), np.ones(4))
+    assert wheel == 0
+    assert time <= 0.2
+
+
 def test_a_gentle_demand_makes_the_detection_slower(
     configuration: BrakeAssistConfiguration,
 ) -> None:

@@ -27,6 +27,7 @@ class Options(CommandOptions):
     ground: tuple[str, ...] = parameter(("cork", "stone"), description="ground")
     nodes: tuple[str, ...] = option((), many=True, description="nodes")
     overrides: tuple[str, ...] = overrides_option()
+    pixels: int = option(0, unit="px", minimum=0, description="pixels")
     dpi: float | None = parameter(None, description="dots per inch", above=0.0)
 
 
@@ -58,7 +59,8 @@ def test_every_kind_is_read() -> None:
         ("--pairs 0", "^--pairs: 0 is out of range, must be at least 1 and at most 64$"),
         ("--peak-recovery nan", "^--peak-recovery: nan px is not a finite number"),
         ("--pairs many", "^--pairs: 'many' is a text, must be a whole number"),
-        ("--peak-recovery 0,5", "^--peak-recovery: '0,5' is .* a number in px, without its unit"),
+        ("--peak-recovery 0,5", "'0,5' is .* a number in px, without its unit and with a decimal"),
+        ("--pixels 9px", "^--pixels: '9px' is a text, .* whole number in px, without its unit$"),
         ("--dpi 0", "^--dpi: 0 is out of range"),
         ("--metric cosin", "^--metric: 'cosin' is not one of pearson, cosine; did you mean"),
     ],

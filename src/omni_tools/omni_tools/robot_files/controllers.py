@@ -162,7 +162,7 @@ def read_controllers(path: Path) -> list[Controller]:
     sections: dict[str, dict[str, Any]] = {}
     for key, value in _flat(read_mapping(path, "--from")):
         if found := _PARAMETER.fullmatch(key):
-            section, parameter = filter(None, found.groups())
+            section, parameter = (one for one in found.groups() if one is not None)
             sections.setdefault(section, {})[parameter.replace("/", ".")] = value
     nodes: dict[str, dict[str, Any]] = {}
     for section, values in sections.items():

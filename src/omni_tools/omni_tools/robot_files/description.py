@@ -118,7 +118,7 @@ def _of_controller(controller: Controller | None, radius: float | None) -> Descr
             f"{controller.name} gives no position of a single wheel; add the URDF of the robot",
         )
     places = np.array([(mount.x, mount.y) for mount in mounts.values()])
-    _usable({controller.name: known or 0.0}, places, controller.name)
+    _usable({_OPTION if radius else controller.name: known or 0.0}, places, controller.name)
     found = Described(kind=controller.kind)
     for name, mount in mounts.items():
         keys = ("x", "y", "heading_deg", "roller_angle_deg", "radius")

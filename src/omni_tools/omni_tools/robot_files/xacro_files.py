@@ -91,14 +91,15 @@ def _expanded(
         problem = "includes or calls itself without end"
     except Exception as error:  # xacro passes on every error of an evaluated expression
         problem = _reason(error)
+        if found := re.fullmatch(r"the argument (\S+) has no value", problem):
+            values = xacro.substitution_args_context["arg"]
+            names = _ARGUMENT.findall(_text(Path((xacro.filestack or [path])[-1])))
+            used = [found[1], *(name for one in names for name in one[1:] if name)]
+            lacking = dict.fromkeys(f"{name}:=VALUE" for name in used if name not in values)
+            problem += f"; give {' '.join(lacking)}"
+        if skipped:
+            problem += f", or is in a package that is left out: {', '.join(dict.fromkeys(skipped))}"
     place = Path((xacro.filestack or [path])[-1])
-    if problem.endswith(" has no value"):
-        values = xacro.substitution_args_context["arg"]
-        used = [name for names in _ARGUMENT.findall(_text(place)) for name in names[1:] if name]
-        lacking = dict.fromkeys(f"{name}:=VALUE" for name in used if name not in values)
-        problem += f"; give {' '.join(lacking)}"
-    if skipped:
-        problem += f", or is in a package that is left out: {', '.join(dict.fromkeys(skipped))}"
     raise ConfigurationError("--from", f"{place}: {problem}; {_REMEDY}") from None
 
 

@@ -265,3 +265,5 @@ def test_other_nodes_are_no_drive_controllers(tmp_path: Path) -> None:
     tree = {"amcl": {"ros__parameters": {"alpha1": 0.2}}, "joint_state_broadcaster": {}}
     path.write_text(yaml.safe_dump(tree))
     assert read_controllers(path) == []
+    path.write_text("ros__parameters: {alpha1: 0.2}")  # the name of the node is missing
+    assert read_controllers(path) == []

@@ -551,6 +551,8 @@ def test_a_controller_alone_must_be_in_meters(tmp_path: Path) -> None:
     path.write_text(CONTROLLER.replace("0.05", "5.0"))
     with pytest.raises(ConfigurationError, match=r"the radius of a wheel in drive .* is 5 m"):
         described_vehicle([str(path)])
+    with pytest.raises(ConfigurationError, match=r"radius of 0.9 m \(--wheel-radius\)"):
+        described_vehicle([str(path)], radius=0.9)
 
 
 def test_steered_wheels_and_several_controllers_are_refused(described: Write) -> None:
@@ -747,6 +749,18 @@ def test_what_a_xacro_file_lacks_is_named(
     with pytest.raises(ConfigurationError, match=words) as error:
         described_vehicle([str(main)])
     assert "\n" not in str(error.value)
+
+
+def test_an_argument_of_a_macro_in_another_file_is_asked_for(tmp_path: Path) -> None:
+    main = write_packages(tmp_path / "src")
+    (main.parent / "mast.xacro").write_text(
+        '<robot xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:macro name="mast">'
+        '<link name="$(arg mast)"/></xacro:macro></robot>'
+    )
+    call = '<xacro:include filename="mast.xacro"/><xacro:mast/></robot>'
+    main.write_text(main.read_text().replace("</robot>", call))
+    with pytest.raises(ConfigurationError, match="mast has no value; give mast:=VALUE;"):
+        described_vehicle([str(main)])
 
 
 def test_a_missing_package_can_be_left_out(tmp_path: Path) -> None:
