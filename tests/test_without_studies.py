@@ -23,7 +23,7 @@ PROGRAM = """
 import importlib, json, sys
 from omni_process import omni_here
 lines, modules = json.load(sys.stdin)
-done = [omni_here(line.split()) for line in lines]
+done = [omni_here(words) for words in lines]
 for name in modules:
     importlib.import_module(name)
 assert not [name for name in sys.modules if name.startswith("omni_studies")]
@@ -55,7 +55,7 @@ def answers(
     The process then imports all other modules.
     """
     out = tmp_path_factory.mktemp("out")
-    lines = [line.format(bag=RECORDING, out=out) for line in COMMANDS]
+    lines = [[word.format(bag=RECORDING, out=out) for word in line.split()] for line in COMMANDS]
     modules = [name for name in MODULES if name.partition(".")[0] != LEFT_OUT]
     done = subprocess.run(
         [sys.executable, "-W", "ignore", "-c", PROGRAM],

@@ -724,7 +724,7 @@ def test_xacro_finds_files_that_a_package_installs_elsewhere(tmp_path: Path) -> 
     ("change", "words"),
     [
         (("find wheels_description", "find other_package"), "the package other_package is not in"),
-        (("wheel.xacro", "lost.xacro"), "lacks the file [^ ]*/lost.xacro; on the robot"),
+        (("wheel.xacro", "lost.xacro"), "lacks the file .*/lost.xacro; on the robot"),
         (("${track / 2}", "${trak / 2}"), "the property trak is not defined"),
         (('<xacro:arg name="track" default="0.3"/>', ""), "track has no value; give track:=VALUE"),
         (("${track / 2}", "$(arg a)$(arg b)"), "argument a has no value; give a:=VALUE b:=VALUE;"),
