@@ -62,7 +62,7 @@ def test_a_stop_does_not_depend_on_the_rate_of_the_imu(rate: int, changes: tuple
     assert other.orientation_change == pytest.approx(usual.orientation_change, abs=0.5)
 
 
-@pytest.mark.parametrize("period", [0.005, 0.02])
+@pytest.mark.parametrize("period", [0.005, 0.02, 0.025, 0.04])
 def test_a_stop_hardly_depends_on_the_control_period(period: float) -> None:
     usual = run_fast_loop(load())
     other = run_fast_loop(load(f"simulation.control_period={period}"))

@@ -77,8 +77,9 @@ def control_slip(law: Constants, memory: Memory, motion: Motion, enable: FloatAr
         # A tire transmits its force only after it has deflected. Faster sliding shortens this time.
         push = law.relaxation_speed * max(1.0 - wheel.force / wheel.capacity, 0.0)
         goal = max(hub - push, 0.0) / (1.0 + braked.peak_slip)
-        # Without dead time, this loop is CASCADE times as fast as the observer.
-        time = law.observer_time / CASCADE + body.dead_time
+        # Without dead time, this loop is CASCADE times as fast as the observer, but a wheel cannot
+        # reach its speed in less than a period.
+        time = max(law.observer_time / CASCADE, law.period) + body.dead_time
         aim = wheel.capacity + braked.mass * (rim.speed - goal) / time if goal > 0.0 else math.inf
         if share[i] < 1.0 or not wheel.known:
             aim = min(aim, 2.0 * share[i] * wheel.usable - rim.force)
