@@ -140,6 +140,20 @@ def test_a_folder_that_cannot_be_made_is_refused_before_any_work(
     assert f"--out: cannot make {tmp_path / folder}" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize("existed", [False, True])
+def test_impossible_numbers_leave_no_file_and_no_new_folder(
+    existed: bool, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = tmp_path / "mine"
+    if existed:
+        folder.mkdir()
+    with pytest.raises(SystemExit) as ended:
+        main(["new-vehicle", "mine", *_MEASURED, "--wheel-radius", "1e-3", "--out", str(folder)])
+    assert ended.value.code == 2
+    assert "check them and their units" in capsys.readouterr().err
+    assert list(tmp_path.rglob("*")) == ([folder] if existed else [])
+
+
 def test_a_drive_does_not_overwrite_a_recording(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
