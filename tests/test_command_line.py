@@ -85,7 +85,9 @@ def test_bad_input_is_refused_by_name(
     assert not out.exists()
 
 
-@pytest.mark.parametrize("words", [["list"], ["list", "--json"], ["completion"]])
+@pytest.mark.parametrize(
+    "words", [["list"], ["list", "--json"], ["completion"], ["run", "--help"], ["--version"]]
+)
 def test_an_output_that_cannot_be_written_is_a_failure_in_one_line(words: list[str]) -> None:
     with Path("/dev/full").open("w") as full:
         finished = subprocess.run(
@@ -93,7 +95,8 @@ def test_an_output_that_cannot_be_written_is_a_failure_in_one_line(words: list[s
             env=omni_environment(), timeout=RUN_TIMEOUT,
         )  # fmt: skip
     problem = f"cannot write the output: {os.strerror(errno.ENOSPC)}"
-    assert (finished.returncode, finished.stderr) == (1, f"omni {words[0]}: {problem}\n")
+    program = "omni" if words == ["--version"] else f"omni {words[0]}"
+    assert (finished.returncode, finished.stderr) == (1, f"{program}: {problem}\n")
 
 
 def test_a_refusal_that_cannot_be_written_is_one_line() -> None:

@@ -23,7 +23,7 @@ from omni_core.commands import command_options, command_report
 from omni_core.commands.exit_codes import ExitCode
 from omni_core.commands.interruption import leave_at_once_on_signals
 from omni_core.commands.workspace import at_work, workspace_folder
-from omni_ros.environment import name_log_folder
+from omni_ros.environment import check_threads, name_log_folder
 from omni_ros.start import start_lightly
 from omni_runs.workspace import ExperimentWorkspace
 
@@ -86,6 +86,7 @@ def _run(words: Sequence[str]) -> int:
     as_json = getattr(options, "json", False)
     work = at_work(program, command.WORK) if hasattr(command, "WORK") else nullcontext()
     try:
+        check_threads(os.environ)
         with work, _output_to_standard_error() if as_json else nullcontext():
             report = command.run(options, ExperimentWorkspace(workspace_folder(), program))
             report = dataclasses.replace(report, name=report.name or _name(program))
@@ -268,8 +269,19 @@ class _Parser(argparse.ArgumentParser):
     def exit(self, status: int = 0, message: str | None = None) -> NoReturn:
         if status and self.as_json:
             problem = (message or "").strip().removeprefix(f"{self.prog}: ")
-            _print_json(_failure(self.prog, problem.removeprefix("error: "), status))
+            with suppress(configuration.WorkError), _checked_output():
+                _print_json(_failure(self.prog, problem.removeprefix("error: "), status))
         super().exit(status, message)
+
+    def _print_message(self, message: str, file: Any = None) -> None:
+        if file is not sys.stdout:
+            super()._print_message(message, file)
+            return
+        try:
+            with _checked_output():  # argparse would ignore an error
+                file.write(message)
+        except configuration.WorkError as error:
+            super().exit(ExitCode.FAILED, f"{self.prog}: {error}\n")
 
 
 if __name__ == "__main__":

@@ -6,7 +6,7 @@ import math
 import os
 import stat
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -14,26 +14,29 @@ import numpy as np
 from omni_core.quantities import FloatArray
 
 
-def read_text(path: Path) -> str:
-    """Return the content of a text file, without a byte order mark.
+def read_text(path: Path, encoding: str = "utf-8-sig") -> str:
+    """Return the content of a text file; by default UTF-8, without a byte order mark.
 
     Raises:
         OSError: the file cannot be read, or is a pipe, a device or another special file;
             `strerror` is the reason.
-        ValueError: the file is not text in UTF-8.
+        ValueError: the file is not text in this encoding.
     """
     # Opening a pipe would wait forever, and reading a device would never end.
     mode = path.stat().st_mode
     if not (stat.S_ISREG(mode) or stat.S_ISDIR(mode)):
         raise OSError(errno.EINVAL, "Not a regular file", str(path))
     try:
-        return path.read_text(encoding="utf-8-sig")
+        return path.read_text(encoding=encoding)
     except UnicodeDecodeError as error:
-        problem = f"not text in UTF-8 (byte {error.start + 1}): save it in this encoding"
+        name = error.encoding.upper()
+        problem = f"not text in {name} (byte {error.start + 1}): save it in this encoding"
         raise ValueError(problem) from None
 
 
-def read_columns(path: Path, units: Mapping[str, str]) -> FloatArray:
+def read_columns(
+    path: Path, units: Mapping[str, str], positive: Collection[str] = ()
+) -> FloatArray:
     """Return columns of numbers from a CSV file, in the order of `units`.
 
     The first line names the columns in any order, in capital or small letters, with or without
@@ -43,14 +46,15 @@ def read_columns(path: Path, units: Mapping[str, str]) -> FloatArray:
     Args:
         path: file with values separated by commas.
         units: unit of each required column, keyed by its name.
+        positive: columns whose values must be above 0.
 
     Returns:
         Numbers, shape (rows, columns).
 
     Raises:
         OSError: the file cannot be read; `strerror` is the reason.
-        ValueError: a column is missing, or a value is not a finite number; the message states the
-            line and the remedy.
+        ValueError: a column is missing, or a value is not a finite number, or not above 0 as
+            required; the message states the line and the remedy.
     """
     numbered = [
         (number, line)
@@ -72,6 +76,11 @@ def read_columns(path: Path, units: Mapping[str, str]) -> FloatArray:
                 f"{len(header)}; a number must have a decimal point, not a comma"
             )
         values[k] = [_number(row, place, name, number) for name, place in places.items()]
+        for name, value in zip(places, values[k], strict=True):
+            if name in positive and value <= 0.0:
+                raise ValueError(
+                    f"line {number}: the {name} {value:g} {units[name]} must be above 0"
+                )
     return values
 
 

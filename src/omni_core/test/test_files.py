@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from omni_core.files import read_columns, user_folder
+from omni_core.files import read_columns, read_text, user_folder
 
 
 @pytest.fixture(autouse=True)
@@ -69,6 +69,7 @@ UNITS = {"slip": "1", "load": "N", "force": "N"}
         ("no column 'slip'.*separated by commas, and names: slip;load", "slip;load;force\n"),
         ("line 2: there are 5 values.* a decimal point", "slip,load,force\n0,1,3000,5,1\n"),
         ("line 3: the slip", 'slip,load,force\n0.1,3000,1\n"0.1,3000,1\n0.1,3000,1\n'),
+        ("line 3: the load 0 N must be above 0", "slip,load,force\n0.1,1,1\n0.1,0,1\n"),
         ("is not a CSV file", f'slip,load,force\n"{"1" * 200_000}",1,1\n'),
     ],
 )
@@ -78,7 +79,7 @@ def test_a_table_that_cannot_be_used_is_refused_with_the_reason(
     path = tmp_path / "data.csv"
     path.write_text(text)
     with pytest.raises(ValueError, match=reason):
-        read_columns(path, UNITS)
+        read_columns(path, UNITS, {"load"})
 
 
 @pytest.mark.parametrize("encoding", ["latin-1", "utf-16"])
@@ -89,6 +90,12 @@ def test_a_table_in_another_encoding_is_refused_with_the_remedy(
     path.write_text("# größe\nslip,load,force\n0,1,2\n", encoding=encoding)
     with pytest.raises(ValueError, match=r"not text in UTF-8 .*: save it in this encoding"):
         read_columns(path, UNITS)
+
+
+def test_a_text_of_a_stated_encoding_is_read(tmp_path: Path) -> None:
+    path = tmp_path / "text"
+    path.write_text("größe", encoding="latin-1")
+    assert read_text(path, encoding="latin-1") == "größe"
 
 
 @pytest.mark.parametrize("end", ["\n", "\r\n", "\r"])

@@ -23,6 +23,9 @@ _RETURN = 0.75
 """Time after which a clock that was set back has not reached its earlier time, as a share of the
 change [1]; less than 1, because of the periods of the messages and the rate of the clock"""
 
+_LONGEST_STALL_NS = 24 * 3600 * SECOND_NS
+"""Longest plausible time for which messages are stored or a simulation is paused [ns]"""
+
 
 @dataclasses.dataclass(frozen=True)
 class Jump:
@@ -57,6 +60,8 @@ class ClockWatch:
     """
 
     def __init__(self) -> None:
+        self.log_jumps: list[Jump] = []
+        """Jumps ahead of the log times by more than a day, relative to the times of the messages"""
         self._jumps: list[Jump] = []
         self._number = 0
         self._first_log_ns = 0
@@ -87,6 +92,9 @@ class ClockWatch:
             self._first_log_ns = log_ns
         delay = log_ns - time_ns
         step = delay - (self._before[1] - self._before[0]) if self._number else 0
+        # Equal times are those of a message that is published again.
+        if step > _LONGEST_STALL_NS and time_ns > self._before[0]:
+            self.log_jumps.append(Jump(self._number, self._before[1], step))
         self._look_back(time_ns, log_ns)
         self._look_ahead(delay, step, log_ns)
         if len(self._newest) < 2 or time_ns > self._newest[0]:

@@ -23,7 +23,7 @@ def changes(times: Times) -> list[float]:
     watch = ClockWatch()
     for time_ns, log_ns in times:
         watch.add(time_ns, log_ns)
-    return [jump.change_ns / SECOND_NS for jump in watch.jumps]
+    return [jump.change_ns / SECOND_NS for jump in (*watch.jumps, *watch.log_jumps)]
 
 
 @pytest.mark.parametrize("size", [-3600.0, -5.0, -0.3])
@@ -43,6 +43,16 @@ def test_a_publisher_whose_clock_is_set_ahead_is_found(size: float) -> None:
     times = steady()
     times[1000:] = [(time_ns + round(size * 1e9), log_ns) for time_ns, log_ns in times[1000:]]
     assert changes(times) == pytest.approx([size], abs=1e-6)
+
+
+@pytest.mark.parametrize("messages", [1, 1000])
+def test_a_recorder_whose_clock_leaps_is_found(messages: int) -> None:
+    years_ns = 56 * 365 * 24 * 3600 * SECOND_NS
+    watch = ClockWatch()
+    for k, (time_ns, log_ns) in enumerate(steady()):
+        watch.add(time_ns, log_ns + years_ns * (1000 <= k < 1000 + messages))
+    assert not watch.jumps
+    assert [(jump.number, jump.change_ns) for jump in watch.log_jumps] == [(1000, years_ns)]
 
 
 def late_messages() -> Times:
@@ -88,6 +98,11 @@ def simulated(rate: float) -> Callable[[], Times]:
     return times
 
 
+def published_again() -> Times:
+    """Return messages with the stamp of the first one, of which the last one is days later."""
+    return [(START_NS, START_NS + k * 72 * 3600 * SECOND_NS) for k in range(3)]
+
+
 def without_stamp() -> Times:
     return [(t * (k > 200), log) for k, (t, log) in enumerate(steady())]
 
@@ -96,7 +111,7 @@ def without_stamp() -> Times:
     "times",
     [
         *(steady, late_messages, late_burst, random_delays, two_publishers, stalled),
-        *(stored_at_start, paused, simulated(0.1), simulated(50.0), without_stamp),
+        *(stored_at_start, paused, simulated(0.1), simulated(50.0), without_stamp, published_again),
     ],
 )
 def test_other_times_are_no_jumps(times: Callable[[], Times]) -> None:

@@ -7,6 +7,8 @@ import contextlib
 import json
 import os
 import re
+import socket
+import tempfile
 from collections.abc import Mapping, MutableMapping
 from pathlib import Path
 from typing import Any
@@ -20,6 +22,8 @@ PARENT_PID_VARIABLE = "OMNI_PARENT_PID"
 REPORT_VARIABLE = "OMNI_REPORT_FD"
 
 _DOMAIN_VARIABLE = "ROS_DOMAIN_ID"
+_PEERS_VARIABLE = "ROS_STATIC_PEERS"
+_THREADS_VARIABLE = "NUMBA_NUM_THREADS"
 _LARGEST_DOMAIN = 232  # higher domains would require UDP ports above 65535
 
 _PROFILE = Path(__file__).with_name("fastdds_profile.xml")
@@ -43,6 +47,46 @@ def chosen_domain(environment: Mapping[str, str]) -> int | None:
             _DOMAIN_VARIABLE, f"{text!r} is not a whole number from 0 to {_LARGEST_DOMAIN}"
         )
     return int(text)
+
+
+def check_threads(environment: Mapping[str, str]) -> None:
+    """Check the number of threads for numba, whose import would fail.
+
+    Raises:
+        ConfigurationError: NUMBA_NUM_THREADS is not the number of threads.
+    """
+    text = environment.get(_THREADS_VARIABLE, "")
+    if text and not re.fullmatch("0*[1-9][0-9]*", text):
+        raise ConfigurationError(
+            _THREADS_VARIABLE, f"{text!r} is not a whole number above 0; unset it"
+        )
+
+
+def check_participant(environment: Mapping[str, str]) -> None:
+    """Check the variables with which ROS could not start a node, and would not name them.
+
+    Raises:
+        ConfigurationError: a host of ROS_STATIC_PEERS is unknown, or the folder for the logs that
+            the user has named cannot be written.
+    """
+    for peer in filter(None, environment.get(_PEERS_VARIABLE, "").split(";")):
+        try:
+            socket.getaddrinfo(peer, None)
+        except (OSError, UnicodeError):
+            problem = f"no host is named {peer!r}; give names or addresses, separated by ;"
+            raise ConfigurationError(_PEERS_VARIABLE, problem) from None
+    named = next(filter(environment.get, ("ROS_LOG_DIR", "ROS_HOME")), None)
+    if named is None:
+        return
+    folder = Path(environment[named], "" if named == "ROS_LOG_DIR" else "log")
+    try:
+        folder = folder.expanduser()
+        folder.mkdir(parents=True, exist_ok=True)
+        tempfile.TemporaryFile(dir=folder).close()
+    except (OSError, RuntimeError) as error:  # RuntimeError: the home folder is unknown
+        reason = getattr(error, "strerror", None) or error
+        problem = f"cannot write logs to {folder}: {reason}; name another folder, or unset it"
+        raise ConfigurationError(named, problem) from None
 
 
 def name_log_folder(environment: MutableMapping[str, str]) -> None:

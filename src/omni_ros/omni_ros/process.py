@@ -129,10 +129,11 @@ def _initialize_ros() -> None:
     """Start the client library.
 
     Raises:
-        ConfigurationError: the domain, an argument or a parameter file cannot be used.
+        ConfigurationError: an environment variable, an argument or a parameter file cannot be used.
     """
     environment.name_log_folder(os.environ)
     environment.chosen_domain(os.environ)  # Fast DDS would end the process
+    environment.check_participant(os.environ)
     try:
         surplus = remove_ros_args(sys.argv)[1:]  # before rclpy.init, which would log the error
         rclpy.init(signal_handler_options=SignalHandlerOptions.NO)

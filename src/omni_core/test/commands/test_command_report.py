@@ -140,6 +140,31 @@ def test_a_folder_that_cannot_be_made_is_refused_before_any_work(
     assert f"--out: cannot make {tmp_path / folder}" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize("existed", [False, True])
+def test_impossible_numbers_leave_no_file_and_no_new_folder(
+    existed: bool, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = tmp_path / "mine"
+    if existed:
+        folder.mkdir()
+    with pytest.raises(SystemExit) as ended:
+        main(["new-vehicle", "mine", *_MEASURED, "--wheel-radius", "1e-3", "--out", str(folder)])
+    assert ended.value.code == 2
+    assert "check them and their units" in capsys.readouterr().err
+    assert list(tmp_path.rglob("*")) == ([folder] if existed else [])
+
+
+def test_a_number_of_threads_that_is_none_is_refused(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("NUMBA_NUM_THREADS", "0")
+    with pytest.raises(SystemExit) as ended:
+        main(["list"])
+    assert ended.value.code == 2
+    problem = "NUMBA_NUM_THREADS: '0' is not a whole number above 0; unset it"
+    assert capsys.readouterr().err == f"omni list: {problem}\n"
+
+
 def test_a_drive_does_not_overwrite_a_recording(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -8,6 +8,8 @@ from pathlib import Path
 from omni_recording import clock, decode, folder, mcap
 from omni_recording.error import McapError
 
+_LOGS, _STAMPS = "log times", "stamps in the headers"  # kinds of time
+
 
 @dataclasses.dataclass(frozen=True)
 class BagCheck:
@@ -63,7 +65,7 @@ class _Findings:
             counts[topic] = counts.get(topic, 0) + 1
             sequences.setdefault(id(message.channel), _Sequence(topic)).add(message.sequence)
             self._decode(message)
-            self._watch(topic, "log times", message.log_ns, message.log_ns)
+            self._watch(topic, _LOGS, message.log_ns, message.log_ns)
         for sequence in sequences.values():
             if sequence.missing:
                 self._problems.append(
@@ -99,10 +101,14 @@ class _Findings:
         for topic, (count, words) in self._undecoded.items():
             self._problems.append(f"{topic}: {count} messages cannot be decoded: {words}")
         for topic in self._counts:
+            of_logs, of_stamps = self._clocks[topic, _LOGS], self._clocks[topic, _STAMPS]
             found = {
                 jump.number: f"{topic}: {jump} by the {kind}: split the recording there"
-                for kind in ("log times", "stamps in the headers")
-                for jump in self._clocks[topic, kind].jumps
+                for kind, jumps in (
+                    (_LOGS, (*of_logs.jumps, *of_stamps.log_jumps)),
+                    (_STAMPS, of_stamps.jumps),
+                )
+                for jump in jumps
             }
             self._problems.extend(found.values())
         if not any(self._counts.values()):
@@ -132,7 +138,7 @@ class _Findings:
         stamp_ns = decode.header_stamp_ns(decoded)
         # Of several publishers, one that hung is late, not the clock.
         if stamp_ns is not None and message.channel.topic not in clock.SHARED_TOPICS:
-            self._watch(message.channel.topic, "stamps in the headers", stamp_ns, message.log_ns)
+            self._watch(message.channel.topic, _STAMPS, stamp_ns, message.log_ns)
 
     def _watch(self, topic: str, kind: str, time_ns: int, log_ns: int) -> None:
         self._clocks[topic, kind].add(time_ns, log_ns)

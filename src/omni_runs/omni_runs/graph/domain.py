@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from omni_core.configuration import ConfigurationError, InputError
-from omni_ros.environment import chosen_domain
+from omni_ros.environment import check_participant, chosen_domain
 
 # Domains 0-101 are valid with the default port range of every operating system; 0 is the default.
 _DOMAINS = range(1, 102)
@@ -32,11 +32,13 @@ def reserved_domain() -> Iterator[int]:
         Number of the domain; the value of ``ROS_DOMAIN_ID`` if the user has set it.
 
     Raises:
-        ConfigurationError: ``ROS_DOMAIN_ID`` is not the number of a domain, or discovery is off.
+        ConfigurationError: ``ROS_DOMAIN_ID`` is not the number of a domain, discovery is off, or
+            the static peers or the folder for the logs cannot be used.
         NoFreeDomainError: another run uses the chosen domain, or all domains are in use by runs or
             other ROS programs.
     """
     chosen = chosen_domain(os.environ)
+    check_participant(os.environ)
     if os.environ.get(_RANGE) == "OFF":
         problem = "with OFF the nodes of a run cannot find each other: unset it, or set LOCALHOST"
         raise ConfigurationError(_RANGE, problem)

@@ -84,6 +84,24 @@ def test_what_is_no_domain_is_refused(monkeypatch: pytest.MonkeyPatch, text: str
         pass
 
 
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("ROS_STATIC_PEERS", "127.0.0.1;no host"),
+        ("ROS_LOG_DIR", "/proc/x"),
+        ("ROS_HOME", "/dev/null"),
+    ],
+)
+def test_a_variable_with_which_no_node_starts_is_named(
+    name: str, value: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delenv("ROS_LOG_DIR", raising=False)
+    monkeypatch.setenv(name, value)
+    problem = r": (no host is named 'no host'|cannot write logs to /).*; "
+    with pytest.raises(ConfigurationError, match=f"^{name}{problem}"), reserved_domain():
+        pass
+
+
 def test_nodes_that_could_not_find_each_other_are_not_started(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

@@ -30,6 +30,7 @@ from omni_core.configuration import ConfigurationError, WorkError
 from omni_core.quantities import SECOND_NS
 from omni_core.topics import IMAGE, Topic
 from omni_recording.folder import bag_messages, in_time_order, open_vehicle
+from omni_ros.environment import check_participant
 from omni_ros.messages import leading_stamp, message_class, to_time
 from omni_ros.qos import RELIABLE
 
@@ -147,7 +148,8 @@ class Partner:
     """Node of this program in the ROS domain of the tested node.
 
     Raises:
-        ConfigurationError: ROS does not accept the namespace.
+        ConfigurationError: ROS does not accept the namespace, the static peers or the folder for
+            the logs.
     """
 
     def __init__(self, domain: int, namespace: str = "") -> None:
@@ -156,6 +158,7 @@ class Partner:
         except InvalidNamespaceException as error:
             problem = str(error).splitlines()[0].removeprefix("Invalid namespace: namespace ")
             raise ConfigurationError("--namespace", f"{namespace!r} {problem}") from error
+        check_participant(os.environ)
         os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
         self._context = Context()
         rclpy.init(context=self._context, domain_id=domain)

@@ -13,7 +13,8 @@ from omni_tools.robot_files.described import INVALID, Described, rounded, some
 from omni_tools.robot_files.links import Robot
 from omni_tools.robot_files.wheels import Wheels
 
-_IMU = re.compile(r"[Ii]mu(?![a-z])|(?<![A-Z])IMU")  # also ImuBase_frame, but no simulator
+# Also ImuBase_frame, but neither simu_link nor simulator.
+_IMU = re.compile(r"((?<![Ss])i|I)mu(?![a-z])|(?<![A-Z])IMU")
 _CAMERA = re.compile(r"cam(era)?\d*($|[/_])|line_?scan|flow|otos|pmw3901|paa5100", re.IGNORECASE)
 _LIGHTEST = 0.5  # smallest mass of a vehicle; less stands for an unknown mass [kg]
 _DENSEST = 4000.0  # largest plausible density of a wheel; half of that of steel [kg/m^3]

@@ -354,15 +354,17 @@ def _ask_about_names(found: Described, wheels: Wheels) -> None:
         for wheel in wheels
         if abs(wheel.beside) > 1e-3 + DIFFERENT * math.dist(wheel.place[:2], center)
     }
-    if apart:
-        what, used = "center of gravity of the mesh", "joint"
-        if all(wheel.width > 0.0 for wheel in wheels):
-            what, used = "middle of the shape", "shape"
-        found.contradictions.append(
-            f"{', '.join(apart)}: the {what} is {', '.join(dict.fromkeys(apart.values()))} beside "
-            f"the joint along the axle; used: the {used}; measure from the center to the middle of "
-            "a wheel"
-        )
+    shaped = [wheel.joint for wheel in wheels if wheel.width > 0.0]  # moved to their middle
+    for what, used, joints in (
+        ("middle of the shape", "shape", [one for one in apart if one in shaped]),
+        ("center of gravity of the mesh", "joint", [one for one in apart if one not in shaped]),
+    ):
+        if joints:
+            distances = ", ".join(dict.fromkeys(apart[one] for one in joints))
+            found.contradictions.append(
+                f"{', '.join(joints)}: the {what} is {distances} beside the joint along the axle; "
+                f"used: the {used}; measure from the center to the middle of a wheel"
+            )
 
 
 def _usable(radii: Mapping[str, float], places: FloatArray, file: str) -> dict[str, float]:

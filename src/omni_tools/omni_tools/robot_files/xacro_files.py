@@ -30,6 +30,9 @@ _ARGUMENT = re.compile(
 _MISSING = re.compile(r"[Pp]ackage '?([\w-]+)'? not found")
 _ABSENT = "/absent"  # folder that stands for those of missing packages
 _NO_FILE = re.compile(r"No such file or directory: '([^']+)'")
+_UNDEFINED = re.compile(r"the property (\S+) is not defined|unknown macro name: xacro:(\S+)")
+# An include, or a definition of a name, in the old syntax of xacro.
+_OLD = r"<(?:include\b[^>]*?\bfilename|(?:property|macro)\b[^>]*?=\s*[\"'][^\"'>]*\b{}\b)"
 _LEVELS = 3  # folders above a package in which its sibling packages are looked for
 _REMEDY = "on the robot, xacro FILE > robot.urdf writes a file that needs no other"
 
@@ -97,6 +100,13 @@ def _expanded(
             used = [found[1], *(name for one in names for name in one[1:] if name)]
             lacking = dict.fromkeys(f"{name}:=VALUE" for name in used if name not in values)
             problem += f"; give {' '.join(lacking)}"
+        if found := _UNDEFINED.match(problem):
+            old = re.compile(_OLD.format(re.escape(found[1] or found[2])))
+            if any(old.search(_text(Path(file))) for file in (path, *xacro.all_includes)):
+                problem += (
+                    "; in the old syntax, which has no effect, tags lack the prefix xacro: write "
+                    "<xacro:property, <xacro:macro, <xacro:include"
+                )
         if skipped:
             problem += f", or is in a package that is left out: {', '.join(dict.fromkeys(skipped))}"
     place = Path((xacro.filestack or [path])[-1])

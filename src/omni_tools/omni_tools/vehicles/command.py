@@ -89,8 +89,9 @@ def run(options: Options, workspace: ExperimentWorkspace) -> Report:
     except ConfigurationError as error:
         raise ConfigurationError(option_of(Options, error.key), error.problem) from None
     known = KnownValues() if found is None else known_values(options.name, found, measured)
+    existed = folder.exists()
     paths = write_vehicle(options.name, measured, make_folder(folder), known)
-    experiment = _checked(paths, workspace)
+    experiment = _checked(paths, workspace, existed)
     facts = wheel_facts(experiment.vehicle, experiment.ground.friction)
     notes = list(remarks(experiment))
     return Report(
@@ -122,8 +123,15 @@ def run(options: Options, workspace: ExperimentWorkspace) -> Report:
     )
 
 
-def _checked(paths: Sequence[Path], workspace: ExperimentWorkspace) -> "ExperimentConfiguration":
+def _checked(
+    paths: Sequence[Path], workspace: ExperimentWorkspace, existed: bool
+) -> "ExperimentConfiguration":
     """Return the experiment in new files; delete the files if they describe no vehicle.
+
+    Args:
+        paths: the new files of a folder; the last one is the experiment.
+        workspace: workspace of the experiment.
+        existed: whether the folder existed before; otherwise it is deleted with the files.
 
     Raises:
         ConfigurationError: an estimate is out of its range.
@@ -133,6 +141,8 @@ def _checked(paths: Sequence[Path], workspace: ExperimentWorkspace) -> "Experime
     except ConfigurationError as error:
         for path in paths:
             path.unlink()
+        if not existed:
+            paths[-1].parent.rmdir()
         remedy = "estimated from the given numbers: check them and their units (m, kg)"
         raise ConfigurationError(error.key, f"{error.problem}; {remedy}") from None
 

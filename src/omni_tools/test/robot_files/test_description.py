@@ -235,6 +235,20 @@ def test_shapes_beside_the_joints_are_listed_once(described: Write) -> None:
     assert (found.wheels["fl_joint"]["y"], found.wheels["fr_joint"]["y"]) == (0.18, -0.12)
 
 
+def test_shapes_and_meshes_beside_the_joints_are_listed_apart(described: Write) -> None:
+    urdf = re.sub(r"<cylinder [^>]*>", '<mesh filename="wheel.stl"/>', mecanum_urdf(), count=2)
+    urdf = urdf.replace("<origin rpy=", '<origin xyz="0 0.03 0" rpy=')
+    mass = '<origin xyz="0 {} 0"/><mass value="0.5"/>'.format
+    urdf = urdf.replace(mass(0), mass(0.02))
+    shapes, meshes, *_ = described(urdf, CONTROLLER).contradictions
+    assert "fl_joint" not in shapes
+    assert (
+        "middle of the shape is 0.03 m beside the joint along the axle; used: the shape" in shapes
+    )
+    assert meshes.startswith("fl_joint: the center of gravity of the mesh is 0.02 m beside")
+    assert "used: the joint" in meshes
+
+
 def test_meshes_beside_the_joints_are_listed_by_their_centers_of_gravity(described: Write) -> None:
     meshes = re.sub(r"<cylinder [^>]*>", '<mesh filename="wheel.stl"/>', mecanum_urdf())
     assert described(meshes, CONTROLLER).contradictions == []
@@ -278,7 +292,9 @@ def test_a_chassis_of_unknown_size_may_be_larger_than_the_wheels_are_apart(
         ("ImuBaseGyroscope_frame", True),
         ("robotimu_link", True),
         ("base_IMU", True),
+        ("chassisImu", True),
         ("simulator_link", False),
+        ("simu_link", False),
         ("SIMULATION", False),
     ],
 )
@@ -730,6 +746,12 @@ def test_xacro_finds_files_that_a_package_installs_elsewhere(tmp_path: Path) -> 
         (("${track / 2}", "$(arg a)$(arg b)"), "argument a has no value; give a:=VALUE b:=VALUE;"),
         (("<xacro:wheel", "<xacro:whel"), "unknown macro name: xacro:whel"),
         (("<xacro:wheel", "<xacro:wheel<"), "is not valid XML"),
+        (
+            ("<link", '<property name="a" value="1"/><link size="${a}"'),
+            "a is not defined .* write <x",
+        ),
+        (("<link", '<macro name="b" params="c d"/><xacro:b/><link'), "unknown .*b; .* write <x"),
+        (("<link", '<include filename="b.xacro"/><xacro:b/><link'), "unknown .*b; .* write <x"),
         (("${track / 2}", "${(lambda: 0).__globals__}"), "repeat the command with --trust"),
         (
             ("${track / 2}", "${(x for x in [1]).gi_frame.f_back}"),

@@ -139,7 +139,7 @@ def test_force_against_the_slip_is_refused() -> None:
     [
         ("no column 'load'", "slip,load_kN,force\n0.1,3,100\n"),
         ("2 times", "slip,load,load_N,force\n0.1,3000,3000,100\n"),
-        ("the load -3 N must be above 0", "slip,load,force\n0.1,-3,1\n"),
+        ("line 2: the load -3 N must be above 0", "slip,load,force\n0.1,-3,1\n"),
     ],
 )
 def test_a_file_that_cannot_be_used_is_refused_with_the_reason(
