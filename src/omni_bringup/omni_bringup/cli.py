@@ -105,8 +105,7 @@ def _run(words: Sequence[str]) -> int:
         problem = configuration.shortened(problem)
     _complain(program, problem)
     if as_json:
-        with suppress(configuration.WorkError), _checked_output():
-            _print_json(_failure(program, problem, code))
+        _print_failure(program, problem, code)
     return code
 
 
@@ -192,9 +191,10 @@ def _complain(program: str, problem: str) -> None:
         print(f"{program}: {command_report.printable(line)}", file=sys.stderr)
 
 
-def _failure(program: str, problem: str, code: int) -> dict[str, Any]:
-    """Return the JSON document of a command that failed or was rejected."""
-    return {"name": _name(program), "error": problem, "exit_code": code}
+def _print_failure(program: str, problem: str, code: int) -> None:
+    """Print the JSON document of a command that failed or was rejected, if it can be written."""
+    with suppress(configuration.WorkError), _checked_output():
+        _print_json({"name": _name(program), "error": problem, "exit_code": code})
 
 
 def _name(program: str) -> str:
@@ -269,8 +269,7 @@ class _Parser(argparse.ArgumentParser):
     def exit(self, status: int = 0, message: str | None = None) -> NoReturn:
         if status and self.as_json:
             problem = (message or "").strip().removeprefix(f"{self.prog}: ")
-            with suppress(configuration.WorkError), _checked_output():
-                _print_json(_failure(self.prog, problem.removeprefix("error: "), status))
+            _print_failure(self.prog, problem.removeprefix("error: "), status)
         super().exit(status, message)
 
     def _print_message(self, message: str, file: Any = None) -> None:
