@@ -18,11 +18,9 @@ from pathlib import Path
 import hypothesis
 import pytest
 
-from omni_ros.environment import name_log_folder
 from omni_ros.start import start_lightly
 
-start_lightly()  # before tests/conftest.py imports numpy and numba
-name_log_folder(os.environ)  # for tests that use ROS in their own process
+start_lightly()  # before numpy and numba are imported
 
 ROOT = Path(__file__).parent
 SOURCES = ROOT / "src"
@@ -53,7 +51,10 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Measure the tests if this is requested."""
+    """Name the log folder of ROS, and measure the tests if this is requested."""
+    from omni_ros.environment import name_log_folder  # which imports numpy
+
+    name_log_folder(os.environ)  # for tests that use ROS in their own process
     if config.getoption("--store-durations"):
         config.pluginmanager.register(_Stopwatch())
     if config.getoption("--store-hazard-times"):

@@ -1,5 +1,6 @@
 """Commands that run no kernel and draw no figure import neither numba nor matplotlib."""
 
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -38,3 +39,15 @@ def test_a_command_without_kernels_and_figures_starts_lightly(words: str, tmp_pa
     )  # fmt: skip
     assert done.returncode == 0, done.stdout + done.stderr
     assert done.stderr.splitlines()[-1] == ""
+
+
+@pytest.mark.parametrize("first", ["from omni_bringup.cli import main", "import conftest"])
+def test_a_process_has_no_threads_of_numpy_that_wait_actively(first: str) -> None:
+    """On a busy machine, a small matrix product would take up to 100 times as long with them."""
+    program = f"{first}; import numpy, os; print(len(os.listdir('/proc/self/task')))"
+    environment = {name: text for name, text in os.environ.items() if "BLAS" not in name}
+    done = subprocess.run(
+        [sys.executable, "-c", program],
+        cwd=WORKSPACE, env=environment, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert done.stdout == "1\n", done.stderr

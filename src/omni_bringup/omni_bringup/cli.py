@@ -24,7 +24,6 @@ from omni_core.commands.exit_codes import ExitCode
 from omni_core.commands.interruption import leave_at_once_on_signals
 from omni_core.commands.workspace import at_work, workspace_folder
 from omni_ros.environment import check_threads, name_log_folder
-from omni_ros.start import start_lightly
 from omni_runs.workspace import ExperimentWorkspace
 
 _NARROWEST = 40
@@ -42,7 +41,6 @@ def main(arguments: Sequence[str] | None = None) -> None:
     """
     if arguments is None:
         leave_at_once_on_signals()
-    start_lightly()
     # Commands report implausible values as notes.
     warnings.simplefilter("ignore", configuration.ConfigurationWarning)
     os.environ.pop("MPLBACKEND", None)  # that of a notebook, which is not installed here

@@ -14,7 +14,6 @@ import numpy as np
 from linescan_odometry.odometry import LineScanOdometry
 from omni_brake_assist.brake_assist import BrakeAssist
 from omni_core.commands.workspace import workspace_folder
-from omni_ros.start import start_lightly
 from omni_runs import compiled, experiment, loop
 from omni_sim.simulator import Simulator
 
@@ -52,7 +51,6 @@ def standard_run() -> experiment.ExperimentConfiguration:
 
 
 if __name__ == "__main__":
-    start_lightly()
     configuration = standard_run()
     compile_for_run(configuration)
     if "--all" in sys.argv:
