@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Callable
 from typing import Any
@@ -22,6 +23,7 @@ Levels = NDArray[np.float64]
 PIXELS, LINES = 1024, 26
 SENSOR = LineSensor(x=0.0, y=0.0, heading_deg=0.0)
 PLACE = np.arange(PIXELS)
+WAVES = 200  # of the ground, of random length and phase
 CONFIGURATION = OdometryConfiguration(
     sensors={
         "left": LineSensor(x=0.0, y=0.5, heading_deg=0.0),
@@ -31,12 +33,19 @@ CONFIGURATION = OdometryConfiguration(
 )
 
 
+@functools.cache
+def waves(seed: int) -> tuple[Levels, NDArray[np.complex128]]:
+    """Return the wave numbers [rad/px] of a smoothed random ground, and its waves at each pixel."""
+    generator = np.random.default_rng(seed)
+    numbers = 2.0 * math.pi * generator.uniform(0.002, 0.08, WAVES)
+    phase = generator.uniform(0.0, 2.0 * math.pi, WAVES)
+    return numbers, np.exp(1j * (numbers * PLACE[:, None] + phase))
+
+
 def ground(shift: float, contrast: float, seed: int = 1) -> Levels:
     """Return gray levels over a smoothed random ground, of a line at `shift` [px]."""
-    generator = np.random.default_rng(seed)
-    waves = generator.uniform(0.002, 0.08, 200)  # cycles per pixel
-    phase = generator.uniform(0.0, 2.0 * math.pi, 200)
-    wave = np.cos(2.0 * math.pi * waves * (PLACE + shift)[:, None] + phase).sum(axis=1)
+    numbers, at_rest = waves(seed)
+    wave = (at_rest @ np.exp(1j * numbers * shift)).real
     return np.asarray(110.0 + contrast * wave / 10.0)
 
 
