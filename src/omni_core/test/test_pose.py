@@ -47,7 +47,7 @@ def test_the_covariance_is_that_of_many_noisy_drives() -> None:
     generator = np.random.default_rng(1)
     twist, deviation = np.array([3.0, -1.0, 1.2]), np.array([0.3, 0.2, 0.4])
     ends = []
-    for _ in range(2000):
+    for _ in range(500):
         integrator = PoseIntegrator()
         integrator.update(0, twist, EXACT)
         for step in range(1, 31):
