@@ -127,12 +127,13 @@ def _average(lines: Float32Array, count: int, displacement: float, step: int) ->
         for i in range(len(mean)):
             mean[i] += seen[i]
     size = max(means.shape[1] - 2 * step + 1, 1)
-    means[0] /= np.float32((count + 1) // 2)
-    means[1] /= np.float32(count // 2)
+    mean_even, mean_odd = means[0], means[1]
+    mean_even /= np.float32((count + 1) // 2)
+    mean_odd /= np.float32(count // 2)
     gradients = np.zeros((3, size), np.float32)
     whole, even, odd = gradients[0], gradients[1], gradients[2]
-    _differentiate(means[0], step, even)
-    _differentiate(means[1], step, odd)
+    _differentiate(mean_even, step, even)
+    _differentiate(mean_odd, step, odd)
     half, zero = np.float32(0.5), np.float32(0.0)
     power, noise, second, fourth = zero, zero, zero, zero
     for i in range(size):

@@ -119,12 +119,15 @@ def corrupt(
         if row[_CHANNEL] != channel:
             continue
         ring, stamps = faults.past[k], faults.stamps[k]
-        ring[step % stored, :size], stamps[step % stored] = values, now_ns
+        stamps[step % stored] = now_ns
+        for j in range(size):
+            ring[step % stored, j] = values[j]
         if not row[_START] <= now_ns < row[_END]:
             continue
         if faults.begun[k] == 0.0:
             faults.begun[k] = 1.0
-            faults.held[k, :size] = values
+            for j in range(size):
+                faults.held[k, j] = values[j]
         tau = (now_ns - row[_START]) * 1e-9
         back, until_ns = 0, now_ns - round(row[_PERIOD] * SECOND_NS)
         while back < min(stored - 1, step) and stamps[(step - back) % stored] > until_ns:

@@ -342,4 +342,6 @@ def read_imu(
     now[1] = scale * (imu.cos * body_x + imu.sin * body_y) + bias_x + noise * draw[1]
     now[2] = scale * (imu.cos * body_y - imu.sin * body_x) + bias_y + noise * draw[2]
     # Before the first delayed reading is due, the oldest reading is repeated.
-    reading[:] = imu.late[max(count - late + 1, 0) % late]
+    due = imu.late[max(count - late + 1, 0) % late]
+    for axis in range(3):
+        reading[axis] = due[axis]

@@ -131,7 +131,7 @@ def covariance(
         power of each band and the covariance of neighboring lines in it, shape (2, B).
     """
     count = len(edges) - 1
-    far = min(np.diff(first).max() - 1, _COHERENCE_LAG)
+    far = min((first[1:] - first[:-1]).max() - 1, _COHERENCE_LAG)
     sums, number = _products(aligned.view(np.float32), first, far, 2 * edges[-1])
     model, moments = np.empty((3, count)), np.empty((2, count))
     mean = np.empty(3)
@@ -209,13 +209,15 @@ def whiten(
         for b in range(len(edges) - 1):
             i, j = 2 * edges[b], 2 * edges[b + 1]
             off, scale = np.float32(pivots(model[:, b], inverse)), np.float32(1.0 / model[2, b])
-            out[0, i:j] = lines[0, i:j]
+            for f in range(i, j):
+                out[0, f] = lines[0, f]
             for k in range(1, m):
                 row, own, last = out[k, i:j], lines[k, i:j], out[k - 1, i:j]
                 ahead = off * inverse[k - 1]
                 for f in range(j - i):
                     row[f] = own[f] - ahead * last[f]
-            out[m - 1, i:j] *= inverse[m - 1]
+            row = out[m - 1, i:j]
+            row *= inverse[m - 1]
             for k in range(m - 2, -1, -1):
                 row, part, after = out[k, i:j], inverse[k], out[k + 1, i:j]
                 for f in range(j - i):
@@ -264,7 +266,8 @@ def without(logs: Floats, pattern: Spectrum, taper: Floats, size: int) -> Floats
         size: length of the Fourier transform [px].
     """
     whole = np.zeros(size // 2 + 1, np.complex64)
-    whole[: len(pattern)] = pattern
+    for f in range(len(pattern)):
+        whole[f] = pattern[f]
     fixed = np.fft.irfft(whole, size)[: logs.shape[1]] / np.maximum(taper, _LEAST_TAPER)
     rest: Floats = logs - fixed.astype(np.float32)
     return rest
@@ -281,7 +284,7 @@ def _cut(lines: Floats, paths: Doubles, limit: int) -> Cut:
     """
     m, n = lines.shape
     length = n
-    largest = max(np.abs(np.diff(paths)).max(), 1e-6)
+    largest = max(np.abs(paths[1:] - paths[:-1]).max(), 1e-6)
     per = max(2, min(m, 1 + int(limit / largest)))
     blocks = -(-(m - 1) // (per - 1))
     first, (ground, pixel) = np.zeros(blocks + 1, np.int64), np.zeros((2, blocks))
@@ -292,12 +295,14 @@ def _cut(lines: Floats, paths: Doubles, limit: int) -> Cut:
         i, j = start + block, end + block + 1
         path = paths[start : end + 1] - paths[start]
         shift = np.rint(path)
-        line[i:j] = np.arange(start, end + 1)
-        begin[i:j] = (shift.max() - shift).astype(np.int64)
-        fraction[i:j] = path - shift
+        farthest = shift.max()
+        for k in range(len(path)):
+            line[i + k] = start + k
+            begin[i + k] = int(farthest - shift[k])
+            fraction[i + k] = path[k] - shift[k]
         first[block + 1] = j
-        ground[block] = paths[start] + shift.max()
-        pixel[block] = shift.max() - path.mean()
+        ground[block] = paths[start] + farthest
+        pixel[block] = farthest - path.mean()
         length = max(0, min(length, n - begin[i:j].max()))
     part = np.zeros((rows, max(length, 1)), np.float32)
     for r in range(rows):
@@ -397,8 +402,9 @@ def expand(lines: Floats, fixed: Doubles, motion: Doubles, limit: int, spread: f
     """
     m, n = lines.shape
     along = np.empty((2, m))
-    along[0] = np.arange(m) - 0.5 * (m - 1)
-    along[1] = 0.5 * along[0] ** 2
+    for k in range(m):
+        along[0, k] = k - 0.5 * (m - 1)
+        along[1, k] = 0.5 * along[0, k] ** 2
     paths = motion[0] * along[0] + motion[1] * along[1]
     cut = _cut(lines, paths, limit)
     edges = bands(cut.size)
@@ -417,6 +423,6 @@ def expand(lines: Floats, fixed: Doubles, motion: Doubles, limit: int, spread: f
         determinant = math.nan
     (d_d, d_a), (_, a_a) = information
     inverse = np.array([[a_a, -d_a], [-d_a, d_d]]) / determinant
-    by = (inverse * slopes).sum(axis=1)
+    by = inverse[:, 0] * slopes[0] + inverse[:, 1] * slopes[1]
     by[0] = min(max(by[0], -1.0), 1.0)  # px; the step between displacements in the slant stack
     return Expansion(cut, model, white, moments, by, inverse)

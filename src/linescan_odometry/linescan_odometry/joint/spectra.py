@@ -95,8 +95,8 @@ def _defects(lines: Lines) -> NDArray[np.int64]:
     A defective pixel differs from the median of the pixels within 2 px. The difference is large in
     the mean over all lines, and has the same sign in this mean and in every line.
     """
-    m, n = lines.shape
-    mean = (lines.sum(axis=0) / m).astype(np.float32)
+    n = lines.shape[1]
+    mean = mean_of(lines.astype(np.float32))
     excess = np.empty(n, np.float32)
     for i in range(n):
         a, b = mean[max(i - 2, 0)], mean[max(i - 1, 0)]

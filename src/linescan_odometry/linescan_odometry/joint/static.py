@@ -72,9 +72,9 @@ def colored(lines: Lines, taper: Floats, layout: Layout, slowly: bool) -> float:
             neighboring lines.
     """
     levels = lines.astype(np.float32)
-    for k in range(len(levels)):
+    for line in levels:
         # The gain of a line, for example under mains light, would color its differences.
-        levels[k] /= np.float32(max(spectra.sum_of(levels[k]) / layout.pixels, 1.0))
+        line /= np.float32(max(spectra.sum_of(line) / layout.pixels, 1.0))
     if slowly:
         modes = min(_SLOW, layout.lines - 1)
         changes, number = _projected(levels, modes), float(modes)
@@ -185,7 +185,10 @@ def ground_share(
     shortest = int(np.argmin(ordered[half:] - ordered[: layout.pixels - half]))
     middle = ordered[shortest + half // 2]
     parts = np.empty((3, layout.pixels), np.float32)
-    parts[0], parts[1], parts[2] = np.minimum(mean, middle), np.maximum(mean, middle), mean
+    for i in range(layout.pixels):
+        parts[0, i] = min(mean[i], middle)
+        parts[1, i] = max(mean[i], middle)
+        parts[2, i] = mean[i]
     # The mean of each line was subtracted, so the first band does not follow the model.
     first, use = candidates.bands(layout.size)[1], int(COMPARED * layout.size)
     seen = spectra.spectra_of(parts, taper, layout.size)[:, first:use]
