@@ -6,6 +6,9 @@ its run time and of its compilation time on these counts. A `lean` kernel does n
 It must therefore neither create an array (a slice of an array is a new array) nor return one, not
 even in a tuple; its caller provides all arrays. A kernel that creates arrays is declared as
 `kernel` and should be short. The largest kernels are also declared as `linked`.
+
+A kernel copies arrays element by element. With the first assignment of an array to a slice or a row
+of another, a process would compile numba's text about unequal shapes, which takes 2 s.
 """
 
 import contextlib

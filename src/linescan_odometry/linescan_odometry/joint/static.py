@@ -72,7 +72,8 @@ def colored(lines: Lines, taper: Floats, layout: Layout, slowly: bool) -> float:
             neighboring lines.
     """
     levels = lines.astype(np.float32)
-    for line in levels:
+    for k in range(len(levels)):
+        line = levels[k]
         # The gain of a line, for example under mains light, would color its differences.
         line /= np.float32(max(spectra.sum_of(line) / layout.pixels, 1.0))
     if slowly:
