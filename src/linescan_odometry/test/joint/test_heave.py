@@ -35,8 +35,8 @@ def scale(time: NDArray[np.float64], amplitude: float) -> NDArray[np.float64]:
 def drive(amplitude: float, speed: float, seed: int = 1) -> list[tuple[float, float, str]]:
     """Return velocity, variance and remark of each batch at a speed [m/s] over fine texture."""
     generator = np.random.default_rng(seed)
-    waves = generator.uniform(200.0, 8000.0, 300)  # rad/m
-    phase = generator.uniform(0.0, 2.0 * math.pi, 300)
+    waves = generator.uniform(200.0, 8000.0, 100)  # rad/m
+    phase = generator.uniform(0.0, 2.0 * math.pi, 100)
     # A wave at pixel 32 i + j is the product of its values at 32 i and at j.
     fine = np.arange(32) * SENSOR.pixel_pitch
     coarse = np.arange(-0.5 * SENSOR.pixels, 0.5 * SENSOR.pixels, 32) * SENSOR.pixel_pitch
@@ -47,7 +47,7 @@ def drive(amplitude: float, speed: float, seed: int = 1) -> list[tuple[float, fl
         start = waves * speed * time[:, None, None] + phase
         waves_at = np.exp(1j * (start + scaled * coarse[:, None]))
         sums = waves_at @ np.exp(1j * scaled * fine[:, None]).transpose(0, 2, 1)
-        levels = 110.0 + 2.0 * sums.real.reshape(LINES, SENSOR.pixels)
+        levels = 110.0 + 3.5 * sums.real.reshape(LINES, SENSOR.pixels)
         levels += generator.normal(0.0, 2.0, levels.shape)
         lines = np.rint(levels).clip(0, 255).astype(np.uint8)
         reading = odometry.update(LineBatch(10**9 + round(1e9 * time[-1]), lines))
