@@ -16,6 +16,8 @@ from omni_bringup.cli import main
 from omni_runs.experiment import ExperimentLibrary
 
 TUTORIALS = sorted((WORKSPACE / "docs/tutorials").glob("*.md"))
+SENSORS = {"new-vehicle": "sensors.yaml", "design-sensors": "places/sensors.yaml"}
+"""Files of cameras in the folder of the robot, by the command that writes them"""
 
 
 def commands(page: Path) -> list[list[str]]:
@@ -64,8 +66,8 @@ def test_every_command_of_the_page_works(
         finished = omni([*words, *fewer])
         assert finished.returncode == 0, f"{shlex.join(words)}: {finished.stderr}"
         assert "note:" not in finished.stderr + finished.stdout, shlex.join(words)
-        if words[0] == "new-vehicle":  # cameras with fewer pixels and lines, for the long drive
-            sensors = tmp_path / "my_robot/sensors.yaml"
+        if words[0] in SENSORS:  # cameras with fewer pixels and lines, for the drives
+            sensors = tmp_path / "my_robot" / SENSORS[words[0]]
             text = sensors.read_text()
             for quantity, value, less in (("pixels", "1024", "256"), ("line_rate", "2500", "1000")):
                 assert text.count(f"{quantity}: {value}") == 3
