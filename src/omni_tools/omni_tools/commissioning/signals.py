@@ -14,6 +14,7 @@ from scipy.ndimage import uniform_filter1d
 
 from omni_core import configuration, quantities, topics
 from omni_recording.folder import open_vehicle
+from omni_ros.messages import imu_vectors_of
 from omni_runs.recorded_run import Stream, measured_twist, read_streams, values_of
 
 MOTIONS = ("forward", "left", "counter-clockwise")
@@ -81,22 +82,29 @@ class Motions(NamedTuple):
     stop: slice
 
 
-def read_signals(recording: Path, wheels: Sequence[str]) -> Signals:
+def read_signals(
+    recording: Path, wheels: Sequence[str], imu_axes: quantities.FloatArray | None = None
+) -> Signals:
     """Return the signals in a recording of a commissioning drive.
 
     Args:
         recording: rosbag2 folder.
         wheels: names of the vehicle's wheels, in the order of the columns.
+        imu_axes: as in `signals_of`.
 
     Raises:
         BagError: the recording cannot be read.
         ConfigurationError: the messages are not those of a commissioning drive of this vehicle;
             `signals_of` lists the reasons.
     """
-    return signals_of(read_streams(open_vehicle(recording), TOPICS, TOPICS[:2]), wheels)
+    return signals_of(read_streams(open_vehicle(recording), TOPICS, TOPICS[:2]), wheels, imu_axes)
 
 
-def signals_of(streams: Mapping[str, Stream], wheels: Sequence[str]) -> Signals:
+def signals_of(
+    streams: Mapping[str, Stream],
+    wheels: Sequence[str],
+    imu_axes: quantities.FloatArray | None = None,
+) -> Signals:
     """Return the signals of a commissioning drive, sampled at equally spaced times.
 
     Wheel speeds are interpolated; all other signals hold their newest value.
@@ -104,6 +112,8 @@ def signals_of(streams: Mapping[str, Stream], wheels: Sequence[str]) -> Signals:
     Args:
         streams: messages keyed by topic name, including at least those of wheels and pedal.
         wheels: names of the vehicle's wheels, in the order of the columns.
+        imu_axes: matrix from the axes of the IMU to those of `base_link`, shape (3, 3); None for
+            equal axes.
 
     Raises:
         ConfigurationError: the wheels of the messages have other names; a gap between wheel speeds
@@ -128,11 +138,8 @@ def signals_of(streams: Mapping[str, Stream], wheels: Sequence[str]) -> Signals:
         raise configuration.ConfigurationError(
             _WHEELS, f"has no speed of {', '.join(unmeasured)}; the check needs wheel encoders"
         )
-    imu = [
-        (message.angular_velocity.z, message.linear_acceleration.x, message.linear_acceleration.y)
-        for message in streams[_IMU].messages
-    ]
-    upwards = [message.linear_acceleration.z for message in streams[_IMU].messages]
+    readings = [imu_vectors_of(message, imu_axes) for message in streams[_IMU].messages]
+    imu = [(reading.yaw_rate, *reading.acceleration) for reading, _ in readings]
     demands = [values_of(m, "pedal", wheels) for m in streams[_PEDAL].messages]
     pedal = sampled(_PEDAL, demands, 1)[:, 0]
     if not np.all(np.isnan(pedal) | ((pedal >= 0.0) & (pedal <= 1.0))):
@@ -151,7 +158,7 @@ def signals_of(streams: Mapping[str, Stream], wheels: Sequence[str]) -> Signals:
         imu=sampled(_IMU, imu, 3),
         pedal=1.0 - pedal if inverse else pedal,
         enable=sampled(_ENABLE, _by_wheel(streams[_ENABLE], "effort", wheels), len(wheels)),
-        upwards=float(np.median(upwards or math.nan)),
+        upwards=float(np.median([upwards for _, upwards in readings] or math.nan)),
         inverse_pedal=inverse,
     )
 
