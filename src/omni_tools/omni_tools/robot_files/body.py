@@ -150,9 +150,7 @@ def find_sensors(found: Described, robot: Robot) -> None:
             found.contradictions.append(f"IMU: {', '.join(imus)}; used: {imus[0]}")
     else:
         problem = f"{some(imus)} turns on a joint" if imus else "no link is an IMU"
-        found.questions.append(
-            f"{problem}: is there one on the chassis, and where? (imu_x, imu_y)"
-        )
+        found.questions.append(f"{problem}: is there one on the chassis, and where? (imu_x, imu_y)")
     ahead = []
     for name in (name for name in robot.links if _CAMERA.search(name)):
         if name in robot.parents and _CAMERA.search(robot.parents[name].parent):

@@ -148,6 +148,19 @@ def test_one_brake_that_acts_later_than_the_others_is_named(row: int) -> None:
     assert abs(int(milliseconds[1]) - 160) <= 40
 
 
+@pytest.mark.parametrize(("wheels_late", "twist_late"), [(6, 0), (0, 6)])
+def test_late_wheel_speeds_or_twists_are_no_brakes_without_effect(
+    wheels_late: int, twist_late: int
+) -> None:
+    vehicle = "mecanum_forklift"
+    wheels, signals, known = drive(vehicle, "brake_assist.enabled=false")
+    later = signals._replace(
+        wheel_speed=np.roll(signals.wheel_speed, wheels_late, axis=0),
+        twist=np.roll(signals.twist, twist_late, axis=0),
+    )
+    assert found(wheels, later, known, described(vehicle)) == []
+
+
 @pytest.mark.parametrize(
     ("brakes", "power", "law", "fewest"),
     [
