@@ -14,7 +14,6 @@ from scipy.ndimage import uniform_filter1d
 
 from omni_core import configuration, quantities, topics
 from omni_recording.folder import open_vehicle
-from omni_ros.messages import imu_vectors_of
 from omni_runs.recorded_run import Stream, measured_twist, read_streams, values_of
 
 MOTIONS = ("forward", "left", "counter-clockwise")
@@ -112,8 +111,7 @@ def signals_of(
     Args:
         streams: messages keyed by topic name, including at least those of wheels and pedal.
         wheels: names of the vehicle's wheels, in the order of the columns.
-        imu_axes: matrix from the axes of the IMU to those of `base_link`, shape (3, 3); None for
-            equal axes.
+        imu_axes: matrix from the axes of the IMU to those of `base_link`, (3, 3); None if equal.
 
     Raises:
         ConfigurationError: the wheels of the messages have other names; a gap between wheel speeds
@@ -138,8 +136,7 @@ def signals_of(
         raise configuration.ConfigurationError(
             _WHEELS, f"has no speed of {', '.join(unmeasured)}; the check needs wheel encoders"
         )
-    readings = [imu_vectors_of(message, imu_axes) for message in streams[_IMU].messages]
-    imu = [(reading.yaw_rate, *reading.acceleration) for reading, _ in readings]
+    vectors = _imu_vectors(streams[_IMU], imu_axes)
     demands = [values_of(m, "pedal", wheels) for m in streams[_PEDAL].messages]
     pedal = sampled(_PEDAL, demands, 1)[:, 0]
     if not np.all(np.isnan(pedal) | ((pedal >= 0.0) & (pedal <= 1.0))):
@@ -155,12 +152,25 @@ def signals_of(
         time=(time - time[0]) * 1e-9,
         wheel_speed=wheel_speed,
         twist=sampled(_TWIST, twists, 3),
-        imu=sampled(_IMU, imu, 3),
+        imu=sampled(_IMU, vectors[:, (0, 1, 1), (2, 0, 1)], 3),
         pedal=1.0 - pedal if inverse else pedal,
         enable=sampled(_ENABLE, _by_wheel(streams[_ENABLE], "effort", wheels), len(wheels)),
-        upwards=float(np.median([upwards for _, upwards in readings] or math.nan)),
+        upwards=float(np.median(vectors[:, 1, 2])) if len(vectors) else math.nan,
         inverse_pedal=inverse,
     )
+
+
+def _imu_vectors(stream: Stream, axes: quantities.FloatArray | None) -> quantities.FloatArray:
+    """Return angular velocity and specific force in `base_link`, shape (messages, 2, 3)."""
+    vectors = [
+        [
+            (vector.x, vector.y, vector.z)
+            for vector in (one.angular_velocity, one.linear_acceleration)
+        ]
+        for one in stream.messages
+    ]
+    rows = np.array(vectors, np.float64).reshape(-1, 2, 3)
+    return rows if axes is None else np.asarray(rows @ axes.T)
 
 
 def _newest_values(
