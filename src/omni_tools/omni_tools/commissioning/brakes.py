@@ -176,11 +176,11 @@ def _wheels_late(signals: Signals, rolling: FloatArray, count: int) -> int:
         count: number of rows before the stops.
     """
     most, rows = round(_ALLOWED.latest / signals.period), np.arange(count)
-    later = {
-        row: np.trace(_correlation(signals.wheel_speed[:count], _earlier(rolling, rows, row)))
-        for row in range(-most, most + 1)
-    }
-    return max(later, key=lambda row: later[row])
+    speed = np.nan_to_num(signals.wheel_speed[:count])
+    return max(
+        sorted(range(-most, most + 1), key=abs),  # 0 if nothing moves
+        key=lambda row: float(np.trace(_correlation(speed, _earlier(rolling, rows, row)))),
+    )
 
 
 def _acting(demand: FloatArray, period: float, brake: BrakeConfiguration) -> FloatArray:
