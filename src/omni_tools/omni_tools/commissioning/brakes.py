@@ -253,8 +253,8 @@ def late_brake(response: Response) -> tuple[int, float] | None:
     latest = int(np.argmax(delays))
     others = max(np.delete(delays, latest).tolist())
     best, usual = (found[latest].get(row, 0.0) for row in (delays[latest], others))
-    count = np.sum(response.starting & response.moving[:, latest])
-    error = (1.0 - best**2) / math.sqrt(max(count, 1))  # standard error of a correlation
+    count = max(int(np.sum(response.starting & response.moving[:, latest])), 1)
+    error = (1.0 - best**2) / math.sqrt(count)  # standard error of a correlation
     difference = (delays[latest] - others) * response.period
     certain = best - usual > _ALLOWED.significance * error
     return (latest, difference) if certain and difference > _ALLOWED.delay else None

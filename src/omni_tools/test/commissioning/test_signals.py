@@ -103,7 +103,7 @@ def test_an_imu_in_its_own_axes_is_turned_as_the_folder_of_the_vehicle_states(
     experiment = yaml.safe_load((config / "experiments/straight_line.yaml").read_text())
     experiment["brake_assist"]["imu_rotation_deg"] = [180.0, 0.0, 90.0]
     (tmp_path / "experiment.yaml").write_text(yaml.safe_dump(experiment))
-    axes: list[FloatArray] = []
+    axes: list[FloatArray | None] = []
     monkeypatch.setattr(signals, "read_signals", lambda *words: axes.append(words[2]))
     workspace = ExperimentWorkspace(config.parent)
     for name in (str(tmp_path), "mecanum_forklift"):
