@@ -37,6 +37,8 @@ class Tolerances(NamedTuple):
             more than this value [1].
         delay: limit on the difference between the measured dead time and that in the vehicle's
             file, and between the delay of one brake and those of all others [s].
+        significance: minimum gain of a correlation by the delay of one brake, in standard errors
+            [1].
         slowest: minimum speed of a wheel for a defined slip, as a share of the top speed [1].
     """
 
@@ -47,6 +49,7 @@ class Tolerances(NamedTuple):
     mean_demand: float = 0.75
     gain: float = 1.0
     delay: float = 0.03
+    significance: float = 3.0
     slowest: float = 0.2
 
 
@@ -139,10 +142,13 @@ def response_of(vehicle: VehicleConfiguration, signals: Signals, motions: Motion
     # A loaded wheel has a smaller rolling radius. The ratio of this radius to the described one
     # cancels in the slip.
     scale = np.sum(motions.angle * predicted, axis=0) / np.sum(predicted**2, axis=0)
-    rolling = scale * wheel_speeds(slip_ratio * signals.twist[motions.stop])
+    rows = np.arange(motions.stop.start, motions.stop.stop)
+    late = _wheels_late(signals, wheel_speeds(np.nan_to_num(signals.twist)), motions.stop.start)
+    twist = _earlier(signals.twist, rows, min(late, 0))
+    rolling = scale * wheel_speeds(slip_ratio * twist)
     pedal = np.nan_to_num(signals.pedal[motions.stop], nan=1.0)  # NaN: full demand
     moving = np.abs(rolling) > _ALLOWED.slowest * np.nanmax(np.abs(rolling))
-    speed = signals.wheel_speed[motions.stop]
+    speed = _earlier(signals.wheel_speed, rows, min(-late, 0))
     slower = -np.sign(rolling) * np.diff(speed, axis=0, prepend=speed[:1]) / signals.period
     facts = wheel_facts(vehicle)
     radius = np.array([mount.radius for mount in vehicle.wheels.values()])
@@ -155,8 +161,26 @@ def response_of(vehicle: VehicleConfiguration, signals: Signals, motions: Motion
     apart = np.abs(np.arange(len(pedal))[:, np.newaxis] - begun).min(axis=1, initial=len(pedal))
     delayed = _acting(demand, signals.period, vehicle.brake)
     braking, starting = pedal[:, np.newaxis] > 0.0, apart * signals.period <= _ALLOWED.latest
-    rows = slip, torque, delayed, rolling, moving, braking, starting
-    return Response(*rows, signals.period, radius, limit, vehicle.brake)
+    values = slip, torque, delayed, rolling, moving, braking, starting
+    return Response(*values, signals.period, radius, limit, vehicle.brake)
+
+
+def _wheels_late(signals: Signals, rolling: FloatArray, count: int) -> int:
+    """Return by how many rows the wheel speeds are later than the twist while no wheel brakes.
+
+    Drivers average over counts of an encoder, and filters delay a twist.
+
+    Args:
+        signals: signals of the run.
+        rolling: speed of each wheel if it rolled as the twist states [rad/s], shape (T, N).
+        count: number of rows before the stops.
+    """
+    most, rows = round(_ALLOWED.latest / signals.period), np.arange(count)
+    speed = np.nan_to_num(signals.wheel_speed[:count])
+    return max(
+        sorted(range(-most, most + 1), key=abs),  # 0 if nothing moves
+        key=lambda row: float(np.trace(_correlation(speed, _earlier(rolling, rows, row)))),
+    )
 
 
 def _acting(demand: FloatArray, period: float, brake: BrakeConfiguration) -> FloatArray:
@@ -183,17 +207,26 @@ def _acting(demand: FloatArray, period: float, brake: BrakeConfiguration) -> Flo
 def _late(response: Response, wheels: Sequence[int] | None = None) -> int:
     """Return the delay of the measured torques relative to `Response.action`, in rows.
 
-    It is the delay with the largest correlation of measured torque and action near the starts of
-    the stops. Both are averaged over the wheels first, because the means over all wheels do not
-    depend on the order of the brakes.
+    It is the delay with the largest correlation (`_by_delay`), and 1 if the dead time in the
+    vehicle's file is correct.
+    """
+    correlation = _by_delay(response, wheels)
+    return max(correlation, key=correlation.__getitem__)
+
+
+def _by_delay(response: Response, wheels: Sequence[int] | None = None) -> dict[int, float]:
+    """Return the correlation of measured torque and action near the starts of the stops [1].
+
+    Both are averaged over the wheels first, because the means over all wheels do not depend on the
+    order of the brakes.
 
     Args:
         response: response of the wheels.
         wheels: indices of the wheels; None for all.
 
     Returns:
-        Number of rows; 1 if the dead time in the vehicle's file is correct. Also 1 if no stop
-        begins while a wheel moves.
+        Correlation, keyed by the delay in rows; only a delay of 1 if no stop begins while a wheel
+        moves.
     """
     chosen = slice(None) if wheels is None else list(wheels)
     moving = response.moving[:, chosen]
@@ -203,10 +236,10 @@ def _late(response: Response, wheels: Sequence[int] | None = None) -> int:
     )
     near = np.flatnonzero(response.starting & np.any(moving, axis=1))
     first = -round(response.brake.dead_time / response.period)
-    rows = range(first, round(_ALLOWED.latest / response.period))
-    if not len(near):
-        return 1
-    return max(rows, key=lambda row: _correlation(torque[near], _earlier(action, near, row)))
+    rows = range(first, round(_ALLOWED.latest / response.period)) if len(near) else [1]
+    return {
+        row: float(_correlation(torque[near], _earlier(action, near, row))[0, 0]) for row in rows
+    }
 
 
 def late_brake(response: Response) -> tuple[int, float] | None:
@@ -215,12 +248,16 @@ def late_brake(response: Response) -> tuple[int, float] | None:
     The result is None if no brake does. The brakes before the start of a stop have no demand, so
     that each is compared with its own.
     """
-    count = response.torque.shape[1]
-    delays = np.array([_late(response, [row]) for row in range(count)]) * response.period
+    found = [_by_delay(response, [row]) for row in range(response.torque.shape[1])]
+    delays = [max(one, key=one.__getitem__) for one in found]
     latest = int(np.argmax(delays))
-    others = np.delete(delays, latest)
-    difference = float(delays[latest] - np.max(others))
-    return (latest, difference) if difference > _ALLOWED.delay else None
+    others = max(np.delete(delays, latest).tolist())
+    best, usual = (found[latest].get(row, 0.0) for row in (delays[latest], others))
+    count = max(int(np.sum(response.starting & response.moving[:, latest])), 1)
+    error = (1.0 - best**2) / math.sqrt(count)  # standard error of a correlation
+    difference = (delays[latest] - others) * response.period
+    certain = best - usual > _ALLOWED.significance * error
+    return (latest, difference) if certain and difference > _ALLOWED.delay else None
 
 
 def swapped(response: Response) -> tuple[int, int] | None:

@@ -175,9 +175,9 @@ def _hypotheses(
         reversed_ = tuple(_reversed(row, stated.size[row]) for row in range(3) if signs[row] < 0.0)
         for causes, described in _structures(wheels, angle, known):
             yield (*reversed_, *causes), described, known
-        if turned := _turned_about(wheels, angle, known):
-            cause, elsewhere = turned
-            yield (*reversed_, cause), wheels, elsewhere
+            if turned := _turned_about(described, angle, known):
+                cause, elsewhere = turned
+                yield (*reversed_, *causes, cause), described, elsewhere
 
 
 def _reversed(row: int, size: float) -> Cause:
@@ -196,7 +196,10 @@ def _turned_about(
     wheels: Mapping[str, WheelMount], angle: FloatArray, known: FloatArray
 ) -> tuple[Cause, FloatArray] | None:
     """Return the cause that the vehicle was turned about another point, and the motions then."""
-    x, y, turn = PlatformKinematics.of(wheels).twist(angle[2])
+    try:
+        x, y, turn = PlatformKinematics.of(wheels).twist(angle[2])
+    except ConfigurationError:  # wheels that no vehicle can have
+        return None
     reach = max(math.hypot(mount.x, mount.y) for mount in wheels.values())
     if turn == 0.0:
         return None

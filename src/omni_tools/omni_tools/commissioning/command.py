@@ -24,6 +24,7 @@ from omni_core.commands.wrapped_table import WrappedTable
 from omni_core.configuration import ConfigurationError
 from omni_core.kinematics import require_omni_wheels
 from omni_core.quantities import FloatArray
+from omni_core.sensors import rotation_matrix
 from omni_runs.workspace import ExperimentWorkspace
 
 if TYPE_CHECKING:
@@ -42,7 +43,8 @@ class Options(CommandOptions):
     checked if they are recorded; or `live` to receive the motion from the running vehicle, in the
     domain of ROS_DOMAIN_ID"""
     vehicle: str = option(metavar="NAME")
-    """a file of config/vehicles/, a path, or the folder of a vehicle"""
+    """a file of config/vehicles/, a path, or the folder of a vehicle, whose experiment.yaml gives
+    the axes of the IMU (brake_assist.imu_rotation_deg)"""
     distance: float = option(1.0, unit="m", minimum=-1000.0, maximum=1000.0)
     """distance, measured on the floor, of each straight motion for which no other one is given"""
     angle: float = option(90.0, unit="deg", minimum=-3600.0, maximum=3600.0)
@@ -187,8 +189,12 @@ def _signals(
     """Return the signals of a running vehicle or of a recording."""
     from omni_tools.commissioning.signals import MOTIONS, read_signals
 
+    axes = None
+    if (Path(options.vehicle) / "experiment.yaml").exists():
+        experiment = workspace.experiment_library().load(options.vehicle)
+        axes = rotation_matrix(experiment.brake_assist.imu_rotation_deg)
     if options.recording != _LIVE:
-        return read_signals(options.recording, wheels)
+        return read_signals(options.recording, wheels, axes)
     from omni_ros.environment import chosen_domain
     from omni_tools.commissioning.drive_node import receive_drive
     from omni_tools.node_check.exchange_node import Partner
@@ -198,4 +204,4 @@ def _signals(
             f"drive {', '.join(MOTIONS)}, each from rest to rest over a measured distance "
             "or angle, then drive and brake in two directions; 2 s at rest end the drive"
         )
-        return receive_drive(partner, wheels, options.timeout)
+        return receive_drive(partner, wheels, options.timeout, imu_axes=axes)

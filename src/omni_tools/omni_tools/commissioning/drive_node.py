@@ -8,6 +8,7 @@ from rclpy.qos import QoSHistoryPolicy, QoSProfile, QoSReliabilityPolicy
 
 from omni_core import topics
 from omni_core.configuration import ConfigurationError, WorkError
+from omni_core.quantities import FloatArray
 from omni_ros.messages import to_nanoseconds
 from omni_ros.qos import BEST_EFFORT
 from omni_runs.recorded_run import Stream
@@ -20,7 +21,12 @@ _DISCOVERY = 0.1  # period at which topics with a new publisher are subscribed t
 
 
 def receive_drive(
-    partner: Partner, wheels: Sequence[str], timeout: float, rest: float = 2.0, least: int = 100
+    partner: Partner,
+    wheels: Sequence[str],
+    timeout: float,
+    rest: float = 2.0,
+    least: int = 100,
+    imu_axes: FloatArray | None = None,
 ) -> Signals:
     """Return the signals of a commissioning drive as soon as the vehicle rests after a stop.
 
@@ -30,6 +36,7 @@ def receive_drive(
         timeout: limit on the time until the drive is complete [s].
         rest: duration at rest after which the last stop is complete [s].
         least: required number of messages on each required topic.
+        imu_axes: as in `signals_of`.
 
     Raises:
         WorkError: wheel speeds or pedal are not published.
@@ -57,7 +64,7 @@ def receive_drive(
             name: Stream.of((to_nanoseconds(m.header.stamp), m) for _, m in messages)
             for name, messages in seen.items()
         }
-        signals = signals_of(streams, wheels)
+        signals = signals_of(streams, wheels, imu_axes)
         try:
             at_rest = len(signals.time) - motions_of(signals, wheels).stop.stop
         except ConfigurationError:

@@ -104,7 +104,7 @@ def find_mistakes(
     if not math.isnan(signals.upwards) and (problem := upwards_problem(signals.upwards)):
         found.append(Cause("imu upwards", *problem))
     # The slip is computed from wheel speeds and twists, so brakes are checked last.
-    involved = [*certain, *(one for group in undecided for part in group for one in part)]
+    involved = [*found, *certain, *(one for group in undecided for part in group for one in part)]
     if all(map(_leaves_brakes, involved)) and topics.TWIST.name not in unchecked(signals, motions):
         found += _brake_mistakes(vehicle, signals, motions)
     if signals.inverse_pedal:

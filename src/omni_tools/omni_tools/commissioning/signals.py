@@ -81,22 +81,29 @@ class Motions(NamedTuple):
     stop: slice
 
 
-def read_signals(recording: Path, wheels: Sequence[str]) -> Signals:
+def read_signals(
+    recording: Path, wheels: Sequence[str], imu_axes: quantities.FloatArray | None = None
+) -> Signals:
     """Return the signals in a recording of a commissioning drive.
 
     Args:
         recording: rosbag2 folder.
         wheels: names of the vehicle's wheels, in the order of the columns.
+        imu_axes: as in `signals_of`.
 
     Raises:
         BagError: the recording cannot be read.
         ConfigurationError: the messages are not those of a commissioning drive of this vehicle;
             `signals_of` lists the reasons.
     """
-    return signals_of(read_streams(open_vehicle(recording), TOPICS, TOPICS[:2]), wheels)
+    return signals_of(read_streams(open_vehicle(recording), TOPICS, TOPICS[:2]), wheels, imu_axes)
 
 
-def signals_of(streams: Mapping[str, Stream], wheels: Sequence[str]) -> Signals:
+def signals_of(
+    streams: Mapping[str, Stream],
+    wheels: Sequence[str],
+    imu_axes: quantities.FloatArray | None = None,
+) -> Signals:
     """Return the signals of a commissioning drive, sampled at equally spaced times.
 
     Wheel speeds are interpolated; all other signals hold their newest value.
@@ -104,6 +111,7 @@ def signals_of(streams: Mapping[str, Stream], wheels: Sequence[str]) -> Signals:
     Args:
         streams: messages keyed by topic name, including at least those of wheels and pedal.
         wheels: names of the vehicle's wheels, in the order of the columns.
+        imu_axes: matrix from the axes of the IMU to those of `base_link`, (3, 3); None if equal.
 
     Raises:
         ConfigurationError: the wheels of the messages have other names; a gap between wheel speeds
@@ -128,11 +136,7 @@ def signals_of(streams: Mapping[str, Stream], wheels: Sequence[str]) -> Signals:
         raise configuration.ConfigurationError(
             _WHEELS, f"has no speed of {', '.join(unmeasured)}; the check needs wheel encoders"
         )
-    imu = [
-        (message.angular_velocity.z, message.linear_acceleration.x, message.linear_acceleration.y)
-        for message in streams[_IMU].messages
-    ]
-    upwards = [message.linear_acceleration.z for message in streams[_IMU].messages]
+    vectors = _imu_vectors(streams[_IMU], imu_axes)
     demands = [values_of(m, "pedal", wheels) for m in streams[_PEDAL].messages]
     pedal = sampled(_PEDAL, demands, 1)[:, 0]
     if not np.all(np.isnan(pedal) | ((pedal >= 0.0) & (pedal <= 1.0))):
@@ -148,12 +152,25 @@ def signals_of(streams: Mapping[str, Stream], wheels: Sequence[str]) -> Signals:
         time=(time - time[0]) * 1e-9,
         wheel_speed=wheel_speed,
         twist=sampled(_TWIST, twists, 3),
-        imu=sampled(_IMU, imu, 3),
+        imu=sampled(_IMU, vectors[:, (0, 1, 1), (2, 0, 1)], 3),
         pedal=1.0 - pedal if inverse else pedal,
         enable=sampled(_ENABLE, _by_wheel(streams[_ENABLE], "effort", wheels), len(wheels)),
-        upwards=float(np.median(upwards or math.nan)),
+        upwards=float(np.median(vectors[:, 1, 2])) if len(vectors) else math.nan,
         inverse_pedal=inverse,
     )
+
+
+def _imu_vectors(stream: Stream, axes: quantities.FloatArray | None) -> quantities.FloatArray:
+    """Return angular velocity and specific force in `base_link`, shape (messages, 2, 3)."""
+    vectors = [
+        [
+            (vector.x, vector.y, vector.z)
+            for vector in (one.angular_velocity, one.linear_acceleration)
+        ]
+        for one in stream.messages
+    ]
+    rows = np.array(vectors, np.float64).reshape(-1, 2, 3)
+    return rows if axes is None else np.asarray(rows @ axes.T)
 
 
 def _newest_values(

@@ -73,19 +73,25 @@ def weigh(found: Described, robot: Robot, wheels: Wheels, ground: float) -> None
     keys = ("body.mass", "body.x", "body.y", "body.height")
     found.sources |= dict.fromkeys(keys[:3] if math.isnan(height) else keys, source)
     found.center = np.array((*center[:2], height))
-    reach = 0.5 * math.hypot(found.measured["length"], found.measured["width"])
+    places = np.array([wheel.place[:2] for wheel in wheels])
+    reach = float(np.max(np.hypot(*(places - places.mean(axis=0)).T))) + radius
+    reach = max(reach, 0.5 * math.hypot(found.measured["length"], found.measured["width"]))
     if found.chassis is None:  # the size is that of the wheels' rectangle
         reach *= _LARGEST_SPAN
     yaw = float(inertia[2, 2])
     found.yaw_inertia = _possible(found, "body.yaw_inertia", yaw, mass * reach**2, source)
     own, of_wheel, width = np.mean([(w.inertia, w.mass, w.width) for w in wheels], axis=0).tolist()
-    if of_wheel > (most := _DENSEST * math.pi * radius**2 * width) > 0.0:
+    heavy = of_wheel > (most := _DENSEST * math.pi * radius**2 * width) > 0.0
+    if heavy:
         found.contradictions.append(
             f"mass of a wheel: {plain(of_wheel)} kg in links of {robot.file}, but its size permits "
             f"at most {plain(most)} kg; used: the links; weigh the robot (--mass)"
         )
     ring, source = of_wheel * radius**2, f"links of {robot.file}"
     found.wheel_inertia = _possible(found, "wheel_inertia", own, ring, source)
+    if found.wheel_inertia is None and ring > 0.0 and not heavy:
+        found.wheel_inertia = 0.5 * ring
+        found.sources["wheel_inertia"] = f"estimate: a solid disc of {plain(of_wheel)} kg"
 
 
 def _possible(found: Described, key: str, inertia: float, most: float, source: str) -> float | None:
@@ -136,15 +142,15 @@ def measure_chassis(found: Described, robot: Robot, wheels: Wheels) -> None:
 def find_sensors(found: Described, robot: Robot) -> None:
     """Enter the IMU, and the cameras that look at the ground."""
     rigid = robot.rigid(robot.base)
-    imus = [name for name in (*rigid, *robot.links) if _IMU.search(name)]
-    if imus:
+    imus = list(dict.fromkeys(name for name in (*rigid, *robot.links) if _IMU.search(name)))
+    if imus and imus[0] in rigid:
         poses = [robot.pose(name) for name in imus]
         found.imu = poses[0]
         if max(math.dist(pose[:2, 3], poses[0][:2, 3]) for pose in poses) > 1e-3:
-            names = ", ".join(dict.fromkeys(imus))
-            found.contradictions.append(f"IMU: {names}; used: {imus[0]}")
+            found.contradictions.append(f"IMU: {', '.join(imus)}; used: {imus[0]}")
     else:
-        found.questions.append("no link is an IMU: is there one, and where? (imu_x, imu_y)")
+        problem = f"{some(imus)} turns on a joint" if imus else "no link is an IMU"
+        found.questions.append(f"{problem}: is there one on the chassis, and where? (imu_x, imu_y)")
     ahead = []
     for name in (name for name in robot.links if _CAMERA.search(name)):
         if name in robot.parents and _CAMERA.search(robot.parents[name].parent):

@@ -123,7 +123,8 @@ class Robot:
         except (ElementTree.ParseError, ValueError) as error:
             raise self._wrong(f"is not valid XML: {error}") from None
         if root.tag != "robot":
-            raise self._wrong(f"is not a URDF: its first element is <{root.tag}>, not <robot>")
+            problem = f"is not a URDF: its first element is <{root.tag}>, not <robot>"
+            raise self._wrong(f"{problem}; give the URDF or xacro file of the robot")
         self.links = self._by_name(self._link(one) for one in root.findall("link"))
         self.joints = self._by_name(self._joint(one) for one in root.findall("joint"))
         self.parents: dict[str, Joint] = {}

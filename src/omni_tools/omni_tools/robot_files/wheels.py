@@ -16,10 +16,11 @@ from omni_tools.robot_files.controllers import Controller, wrapped
 from omni_tools.robot_files.links import Joint, Robot, Shape
 
 _MOVING = ("continuous", "revolute")
-_WHEEL = re.compile(
-    "(?!.*(roller|caster|castor|steer|cover|fender|mount|support|arch))"
-    ".*(wheel|whl|mecanum|omni|tire|tyre)",
-    re.IGNORECASE,
+_OTHER = "(?!.*(roller|caster|castor|steer|cover|fender|mount|support|arch))"
+# Names of wheels; then words that also name a robot, and thereby any of its parts.
+_WHEELS = tuple(
+    re.compile(f"{_OTHER}.*({words})", re.IGNORECASE)
+    for words in ("wheel|whl|tire|tyre", "wheel|whl|tire|tyre|mecanum|omni")
 )
 _UPRIGHT = 0.2  # limit on the vertical part of the axis of a wheel, and on the rest of a steering's
 _STEP, _ROUNDED = 15.0, 0.1  # usual directions, and the error of 3.14 as pi [deg]
@@ -139,16 +140,16 @@ def _likely(robot: Robot) -> list[Joint]:
     ]
     moving = [joint for joint in horizontal if joint.kind in _MOVING]
     driven = [joint for joint in moving if joint.name in robot.driven]
-    named = [one for one in horizontal if _WHEEL.match(f"{one.name} {one.child}")]
+    named = [[j for j in horizontal if one.match(f"{j.name} {j.child}")] for one in _WHEELS]
     outermost = _outermost(robot, moving)  # not the rollers below
     lowest = min((float(robot.pose(one.child)[2, 3]) for one in outermost), default=0.0)
     low = [one for one in outermost if robot.pose(one.child)[2, 3] < lowest + _LEVEL]
-    turning = [joint for joint in named if joint.kind in _MOVING]
-    for joints in (driven, turning, named, low):
+    turning = [[joint for joint in joints if joint.kind in _MOVING] for joints in named]
+    for joints in (driven, *turning, *named, low):
         outer = _outermost(robot, joints)
         if len(outer) >= 3:
             return outer
-    return _outermost(robot, turning or named)
+    return _outermost(robot, turning[1] or named[1])
 
 
 def _outermost(robot: Robot, joints: Sequence[Joint]) -> list[Joint]:

@@ -56,7 +56,7 @@ def read_description(
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or error
         raise ConfigurationError("--from", f"cannot read {path}: {reason}") from None
-    if "xacro:" not in text and "$(" not in text and "${" not in text:
+    if not any(macro in text for macro in ("xacro:", "$(", "${")) or "<sdf" in text:
         return text
     try:
         xacro = import_optional("xacro", "xacro")

@@ -24,6 +24,7 @@ from omni_core.brakes import (
 )
 from omni_core.kinematics import PlatformKinematics
 from omni_runs.experiment import ExperimentLibrary
+from omni_tools.commissioning.brakes import Response, late_brake
 from omni_tools.commissioning.mistakes import (
     undistinguished_brakes,
 )
@@ -146,6 +147,37 @@ def test_one_brake_that_acts_later_than_the_others_is_named(row: int) -> None:
     milliseconds = re.fullmatch(rf"brake {name} acts (\d+) ms later than the others", only)
     assert milliseconds, only
     assert abs(int(milliseconds[1]) - 160) <= 40
+
+
+def test_noise_of_the_torques_is_no_late_brake() -> None:
+    brake, period, rows = BrakeConfiguration(), 0.01, np.arange(100)
+    for seed in range(20):
+        random = np.random.default_rng(seed)
+        demand = np.tile(rows[:, np.newaxis] >= 50, 4).astype(np.float64)
+        torque = brake.max_torque * demand
+        torque[:, 2] = brake.max_torque * (rows >= 65)
+        every, nothing = np.ones((100, 4), np.bool_), np.zeros((100, 4))
+        sizes = np.ones(4), np.ones(4)
+        response = Response(nothing, torque, demand, nothing + 1.0, every, every[:, :1],
+                            every[:, 0], period, *sizes, brake)  # fmt: skip
+        found_late = late_brake(response)
+        assert found_late is not None
+        np.testing.assert_allclose(found_late, (2, 0.15))
+        noise = random.normal(0.0, 3.0 * brake.max_torque, torque.shape)
+        assert late_brake(response._replace(torque=brake.max_torque * demand + noise)) is None
+
+
+@pytest.mark.parametrize(("wheels_late", "twist_late"), [(6, 0), (0, 6)])
+def test_late_wheel_speeds_or_twists_are_no_brakes_without_effect(
+    wheels_late: int, twist_late: int
+) -> None:
+    vehicle = "mecanum_forklift"
+    wheels, signals, known = drive(vehicle, "brake_assist.enabled=false")
+    later = signals._replace(
+        wheel_speed=np.roll(signals.wheel_speed, wheels_late, axis=0),
+        twist=np.roll(signals.twist, twist_late, axis=0),
+    )
+    assert found(wheels, later, known, described(vehicle)) == []
 
 
 @pytest.mark.parametrize(

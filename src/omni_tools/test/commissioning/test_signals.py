@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import yaml
 
 from omni_core.configuration import ConfigurationError
+from omni_core.quantities import FloatArray
 from omni_runs.recorded_run import Stream
+from omni_runs.workspace import ExperimentWorkspace
+from omni_tools.commissioning import command, signals
 from omni_tools.commissioning.signals import motions_of, signals_of
 
 WHEELS = ("left", "right")
@@ -89,3 +94,29 @@ def test_other_joints_are_ignored() -> None:
     assert np.all(alone.wheel_speed == both.wheel_speed[:, 1:])
     with pytest.raises(ConfigurationError, match="the recording names left, right, the vehicle"):
         signals_of(streams(400), ("front",))
+
+
+def test_an_imu_in_its_own_axes_is_turned_as_the_folder_of_the_vehicle_states(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    config = Path(__file__).parents[4] / "config"
+    experiment = yaml.safe_load((config / "experiments/straight_line.yaml").read_text())
+    experiment["brake_assist"]["imu_rotation_deg"] = [180.0, 0.0, 90.0]
+    (tmp_path / "experiment.yaml").write_text(yaml.safe_dump(experiment))
+    axes: list[FloatArray | None] = []
+    monkeypatch.setattr(signals, "read_signals", lambda *words: axes.append(words[2]))
+    workspace = ExperimentWorkspace(config.parent)
+    for name in (str(tmp_path), "mecanum_forklift"):
+        options = command.Options(recording=tmp_path, vehicle=name)
+        command._signals(options, workspace, WHEELS)
+    assert axes[1] is None
+    message = SimpleNamespace(
+        header=SimpleNamespace(stamp=SimpleNamespace(sec=0, nanosec=0)),
+        angular_velocity=SimpleNamespace(x=0.0, y=0.0, z=-0.5),
+        linear_acceleration=SimpleNamespace(x=2.0, y=3.0, z=-9.81),
+    )
+    received = streams(400)
+    received["imu"] = Stream(received["wheel_states"].stamp_ns, (message,) * 400)
+    read = signals_of(received, WHEELS, axes[0])
+    np.testing.assert_allclose(read.imu, [(0.5, 3.0, 2.0)] * len(read.time), atol=1e-12)
+    assert read.upwards == pytest.approx(9.81)

@@ -304,6 +304,24 @@ def test_an_imu_is_found_by_the_name_of_its_link(name: str, is_one: bool, descri
     assert any("no link is an IMU" in one for one in found.questions) != is_one
 
 
+def test_an_imu_on_a_head_that_turns_is_not_used(described: Write) -> None:
+    head = link("head_imu") + joint("neck", "base_link", "head_imu", "0 0 1", kind="revolute")
+    found = described(mecanum_urdf(extra=head).replace("imu_link", "board"))
+    assert found.imu is None
+    assert any("head_imu turns on a joint: is there one" in one for one in found.questions)
+
+
+def test_parts_of_an_omni_robot_are_no_wheels(described: Write) -> None:
+    parts = "".join(
+        link(f"omni_{part}")
+        + joint(f"omni_{part}_joint", "base_link", f"omni_{part}", "0 0 0.3", kind="fixed")
+        for part in ("structure", "pivot", "frame")
+    )
+    for kind in ("fixed", "continuous"):
+        found = described(mecanum_urdf(kind=kind, extra=parts))
+        assert set(found.wheels) == {f"{corner}_joint" for corner in SIGNS}
+
+
 def test_an_imu_on_the_vehicle_is_used_rather_than_one_on_its_head(described: Write) -> None:
     head = link("head_imu") + joint("neck", "base_link", "head_imu", "0 0 1", kind="revolute")
     found = described(mecanum_urdf().replace("<link", f"{head}<link", 1))
@@ -423,6 +441,20 @@ def test_wheels_that_roll_along_y_by_their_axes_are_asked_about(described: Write
     assert "so that x points forward" in asked
 
 
+def test_an_impossible_inertia_of_wheels_becomes_that_of_discs_of_their_mass(
+    described: Write,
+) -> None:
+    found = described(mecanum_urdf().replace('iyy="0.0006"', 'iyy="1"'))
+    assert found.wheel_inertia == pytest.approx(0.5 * 0.5 * 0.05**2)
+    assert found.sources["wheel_inertia"] == "estimate: a solid disc of 0.5 kg"
+
+
+def test_heavy_wheels_beside_a_small_chassis_have_a_possible_inertia(described: Write) -> None:
+    urdf = mecanum_urdf().replace('size="0.5 0.2 0.1"', 'size="0.25 0.16 0.1"')
+    found = described(urdf.replace('mass value="0.5"', 'mass value="20"'))
+    assert found.yaw_inertia == pytest.approx(0.304 + 80.0 * 0.25**2 + 8.889 * 0.02**2, rel=1e-4)
+
+
 def test_axles_above_the_ground_and_impossible_inertias_are_listed(described: Write) -> None:
     urdf = mecanum_urdf(height=0.08).replace('iyy="0.0006"', 'iyy="1"')
     listed = described(
@@ -483,6 +515,7 @@ def test_names_with_a_namespace_or_a_dash_are_matched(described: Write) -> None:
     [
         ("<robot name='a'/>", "has no links; give the file of the robot"),
         ("<sdf/>", "its first element is <sdf>, not <robot>"),
+        ("<sdf>${height}</sdf>", "not <robot>; give the URDF"),
         ("<robot>", "is not valid XML"),
         (
             mecanum_urdf().replace('name="fl_wheel"', 'name="base_link"'),
