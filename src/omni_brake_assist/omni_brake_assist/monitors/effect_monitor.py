@@ -181,7 +181,6 @@ def watch_effect(
         ledger.turn, ledger.v_x, ledger.v_y = turn, v_x, v_y
         return False
     ledger.elapsed += dt
-    ledger.demanded += pedal * dt
     felt = math.isfinite(force_x + force_y)
     loss = math.hypot(force_x, force_y) if felt else constants.loss
     turned = constants.reach * (ledger.turn - turn)
@@ -194,6 +193,7 @@ def watch_effect(
     slides = min(ledger.used / constants.sliding, 1.0)
     expected = pedal * constants.least_loss
     expected += slides * min(constants.sliding * _ICE - expected, 0.0)
+    ledger.demanded += expected / constants.least_loss * dt
     achieved = _achieved(constants, ledger, dt, expected, (force_x, force_y, turned))
     length = pedal * ledger.speed * dt
     if released:
