@@ -30,11 +30,11 @@ with the second smallest slip gives the speed, because one encoder may read too 
 active direction is nearly perpendicular to the motion uses no friction, even if it is locked.
 
 Two more bounds limit how long brakes may be released. The first is the duration of a stop with the
-mean deceleration `least`, extended by `grace`. The second is used only with an IMU: at the end of a
-stop, the deceleration may be small for at most the time constant of the specific force's low-pass.
-This bound is exceeded in stops in which the braked wheels exert no force along the motion, because
-the vehicle moves along their passive direction. Without an IMU, the end of a stop cannot be
-recognized, because locked wheels also have slow rims.
+mean deceleration `least`, extended by `grace`; on ice, time counts in proportion to ``c``. The
+second is used only with an IMU: at the end of a stop, the deceleration may be small for at most the
+time constant of the specific force's low-pass. This bound is exceeded in stops in which the braked
+wheels exert no force along the motion, because the vehicle moves along their passive direction.
+Without an IMU, the end of a stop cannot be recognized, because locked wheels also have slow rims.
 
 After a bound is exceeded, all brakes act until the pedal is released.
 """
@@ -57,7 +57,7 @@ _LEDGER = np.dtype(
         ("braked", "f8"),  # braked distance [m]
         ("tripped", "?"),  # whether a bound has been exceeded
         ("start", "f8"),  # speed of the fastest rim when the pedal was pressed [m/s]
-        ("demanded", "f8"),  # time since the pedal was pressed, weighted by its position [s]
+        ("demanded", "f8"),  # time since the pedal was pressed, weighted by ``c`` / `least_loss` [s]
         ("elapsed", "f8"),  # time since the pedal was pressed [s]
         ("speed", "f8"),  # speed v [m/s]
         ("mean_speed", "f8"),  # speed v, low-passed [m/s]

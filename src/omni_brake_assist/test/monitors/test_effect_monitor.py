@@ -164,10 +164,9 @@ def test_one_wheel_that_rolls_is_enough_to_detect_it(constants: EffectConstants)
 def test_ice_on_which_half_of_the_wheels_slide_does_not_end_the_assistance(
     constants: EffectConstants, rolls: int
 ) -> None:
-    due = constants.grace + START / constants.least
-    later = 0.5  # less than half of the least deceleration on slippery ground
+    later = 0.3  # much less than the least deceleration on slippery ground
     found = trip_time(constants, 4.0, later, rolls=rolls)
-    assert found >= due if rolls == 2 else found < 5.0
+    assert found == np.inf if rolls == 2 else found < 5.0
 
 
 def test_locked_wheels_across_the_motion_are_no_sign_of_ice(
