@@ -57,7 +57,7 @@ _LEDGER = np.dtype(
         ("braked", "f8"),  # braked distance [m]
         ("tripped", "?"),  # whether a bound has been exceeded
         ("start", "f8"),  # speed of the fastest rim when the pedal was pressed [m/s]
-        ("demanded", "f8"),  # time since the pedal was pressed, weighted by ``c`` / `least_loss` [s]
+        ("demanded", "f8"),  # time since the pedal was pressed, times ``c`` / `least_loss` [s]
         ("elapsed", "f8"),  # time since the pedal was pressed [s]
         ("speed", "f8"),  # speed v [m/s]
         ("mean_speed", "f8"),  # speed v, low-passed [m/s]
