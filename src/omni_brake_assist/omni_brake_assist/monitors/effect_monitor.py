@@ -27,14 +27,14 @@ use this share of their friction. The used share of a wheel's friction is its sl
 `target_slip`, at most 1; it is low-passed like the specific force. The velocity that the wheels
 have before the stop and the integral of the IMU's readings give the direction of motion. The wheel
 with the second smallest slip gives the speed, because one encoder may read too much. A wheel whose
-active direction is nearly perpendicular to the motion uses no friction, even if it is locked.
+active direction is nearly perpendicular to the motion does not count, even if it is locked.
 
 Two more bounds limit how long brakes may be released. The first is the duration of a stop with the
-mean deceleration `least`, extended by `grace`. The second is used only with an IMU: at the end of a
-stop, the deceleration may be small for at most the time constant of the specific force's low-pass.
-This bound is exceeded in stops in which the braked wheels exert no force along the motion, because
-the vehicle moves along their passive direction. Without an IMU, the end of a stop cannot be
-recognized, because locked wheels also have slow rims.
+mean deceleration `least`, extended by `grace`; on ice, time counts in proportion to ``c``. The
+second is used only with an IMU: at the end of a stop, the deceleration may be small for at most the
+time constant of the specific force's low-pass. This bound is exceeded in stops in which the braked
+wheels exert no force along the motion, because the vehicle moves along their passive direction.
+Without an IMU, the end of a stop cannot be recognized, because locked wheels also have slow rims.
 
 After a bound is exceeded, all brakes act until the pedal is released.
 """
@@ -57,7 +57,7 @@ _LEDGER = np.dtype(
         ("braked", "f8"),  # braked distance [m]
         ("tripped", "?"),  # whether a bound has been exceeded
         ("start", "f8"),  # speed of the fastest rim when the pedal was pressed [m/s]
-        ("demanded", "f8"),  # time since the pedal was pressed, weighted by its position [s]
+        ("demanded", "f8"),  # time since the pedal was pressed, times ``c`` / `least_loss` [s]
         ("elapsed", "f8"),  # time since the pedal was pressed [s]
         ("speed", "f8"),  # speed v [m/s]
         ("mean_speed", "f8"),  # speed v, low-passed [m/s]
@@ -181,7 +181,6 @@ def watch_effect(
         ledger.turn, ledger.v_x, ledger.v_y = turn, v_x, v_y
         return False
     ledger.elapsed += dt
-    ledger.demanded += pedal * dt
     felt = math.isfinite(force_x + force_y)
     loss = math.hypot(force_x, force_y) if felt else constants.loss
     turned = constants.reach * (ledger.turn - turn)
@@ -194,6 +193,7 @@ def watch_effect(
     slides = min(ledger.used / constants.sliding, 1.0)
     expected = pedal * constants.least_loss
     expected += slides * min(constants.sliding * _ICE - expected, 0.0)
+    ledger.demanded += expected / constants.least_loss * dt
     achieved = _achieved(constants, ledger, dt, expected, (force_x, force_y, turned))
     length = pedal * ledger.speed * dt
     if released:
@@ -236,7 +236,7 @@ def _integrate(ledger: Any, dt: float, inertial: FloatArray) -> None:
 def _used_friction(
     constants: EffectConstants, ledger: Any, speeds: FloatArray, rate: float
 ) -> float:
-    """Return the share of the friction that the wheels use, 0 if it is unknown [1].
+    """Return the used share of the friction of the driven wheels, 0 if it is unknown [1].
 
     Args:
         constants: constants of the vehicle.
@@ -249,6 +249,7 @@ def _used_friction(
         return 0.0
     x, y = ledger.v_x / size, ledger.v_y / size
     fastest = speed = used = 0.0
+    driven = 0
     for i in range(speeds.size):
         n_x, n_y, lever = constants.active[i]
         along = n_x * x + n_y * y
@@ -259,9 +260,11 @@ def _used_friction(
         n_x, n_y, lever = constants.active[i]
         hub = abs((n_x * x + n_y * y) * speed + lever * rate)
         rim = abs(constants.roll[i] * speeds[i])
-        if hub > rim and hub > _LITTLE * speed:
-            used += (hub - rim) / max(constants.slip[i] * rim, hub - rim)
-    return used / speeds.size
+        if hub > _LITTLE * speed:
+            driven += 1
+            if hub > rim:
+                used += (hub - rim) / max(constants.slip[i] * rim, hub - rim)
+    return used / max(driven, 1)
 
 
 @lean
