@@ -132,10 +132,7 @@ def _of_controller(controller: Controller | None, radius: float | None) -> Descr
 
 
 def _kind(
-    found: Described,
-    wheels: Wheels,
-    controller: Controller | None,
-    given: str | None,
+    found: Described, wheels: Wheels, controller: Controller | None, given: str | None
 ) -> str:
     """Return the kind of the wheels: the user's, the controller's, or that of the axles."""
     parallel = _are_parallel(wheels)
@@ -194,11 +191,7 @@ def _outward(robot: Robot, wheels: Wheels) -> Wheels:
 
 
 def _place_wheels(
-    found: Described,
-    file: str,
-    wheels: Wheels,
-    controller: Controller | None,
-    radius: float | None,
+    found: Described, file: str, wheels: Wheels, controller: Controller | None, radius: float | None
 ) -> None:
     """Enter position, direction, rollers, radius and width of each wheel."""
     center = np.mean([wheel.place[:2] for wheel in wheels], axis=0)
