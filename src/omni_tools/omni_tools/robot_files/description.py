@@ -6,8 +6,6 @@ between the axles, and the rolling direction is the one that the controller assu
 odometry is right or wrong on the robot.
 """
 
-from __future__ import annotations
-
 import itertools
 import math
 import re
