@@ -139,14 +139,14 @@ def load_study(name: str) -> Study:
     """
     module, _ = plugins.described_modules(_STUDIES)[name]
     loaded: Any = importlib.import_module(f"{_STUDIES}.{module}")
-    if not hasattr(loaded, "CASES"):
-        return loaded
-    run = getattr(loaded, "RUNS", {}).get(name, loaded.run)
-    found: Any = SimpleNamespace(
-        __doc__=f"{loaded.CASES[name]}.\n\n{loaded.__doc__}",
-        Options=getattr(loaded, "OPTIONS", {}).get(name, loaded.Options),
-        run=lambda options, study: run(options, dataclasses.replace(study, case=name)),
-    )
+    if hasattr(loaded, "CASES"):
+        run = getattr(loaded, "RUNS", {}).get(name, loaded.run)
+        loaded = SimpleNamespace(
+            __doc__=f"{loaded.CASES[name]}.\n\n{loaded.__doc__}",
+            Options=getattr(loaded, "OPTIONS", {}).get(name, loaded.Options),
+            run=lambda options, study: run(options, dataclasses.replace(study, case=name)),
+        )
+    found: Study = loaded
     return found
 
 
