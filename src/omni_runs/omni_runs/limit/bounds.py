@@ -26,6 +26,7 @@ ground of the largest friction.
 
 import functools
 import math
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -129,12 +130,12 @@ def bound_of_kind(
     return Bound(distance, gap, tolerance)
 
 
-straight_bound = functools.partial(bound_of_kind, stop_kinds.StraightStops)
+straight_bound: Callable[..., Bound] = functools.partial(bound_of_kind, stop_kinds.StraightStops)
 """Return the lower bound of the distance of stops that keep heading and line of motion.
 
 The arguments are those of `bound_of_kind` after the kind."""
 
-heading_bound = functools.partial(bound_of_kind, stop_kinds.HeadingStops)
+heading_bound: Callable[..., Bound] = functools.partial(bound_of_kind, stop_kinds.HeadingStops)
 """Return the lower bound of the path length of stops that keep the heading, on any path.
 
 The arguments are those of `bound_of_kind` after the kind."""
