@@ -88,7 +88,7 @@ class ExperimentLibrary:
         variants = _variants(self._read(_EXPERIMENTS, experiment, "experiment"))
         if not any(words.startswith("brake_assist.law=") for words in overrides):
             return list(variants)
-        kept = [name for name, tree in variants.items() if not _has_law(tree)]
+        kept = [n for n, one in variants.items() if "law" not in _section(one, "brake_assist")]
         return kept or list(variants)
 
     def parts(self, kind: str) -> list[str]:
@@ -149,13 +149,11 @@ class ExperimentLibrary:
         # Nodes use the true mounting positions unless the experiment configures others.
         for kind in ("sensors", "flow_sensors"):
             set_default(tree, "odometry", kind, tree.get(kind))
-        vehicle = tree.get("vehicle")
-        wheels = vehicle.get("wheels") if isinstance(vehicle, Mapping) else None
-        set_default(tree, "brake_assist", "wheels", wheels)
-        if isinstance(vehicle, Mapping):
+        vehicle = _section(tree, "vehicle")
+        if isinstance(tree.get("vehicle"), Mapping):
             check_complete(vehicle, _REQUIRED, "vehicle", experiment)
-            for name in ("brake", "wheel_inertia"):
-                set_default(tree, "brake_assist", name, vehicle.get(name))
+        for name in ("wheels", "brake", "wheel_inertia"):
+            set_default(tree, "brake_assist", name, vehicle.get(name))
         _share_period(tree)
         set_default(tree, "brake_assist", "feedback_delay", _twist_delay(tree))
         return declared.from_mapping(ExperimentConfiguration, tree)
@@ -378,9 +376,10 @@ def set_default(tree: dict[str, Any], node: str, name: str, truth: Any) -> None:
         tree[node] = yaml_files.merge({name: truth}, configured)
 
 
-def _has_law(variant: Any) -> bool:
-    part = variant.get("brake_assist") if isinstance(variant, Mapping) else None
-    return isinstance(part, Mapping) and "law" in part
+def _section(tree: Any, name: str) -> Mapping[str, Any]:
+    """Return a section of nested values; empty if there is none, or if it is no mapping."""
+    found = tree.get(name) if isinstance(tree, Mapping) else None
+    return found if isinstance(found, Mapping) else {}
 
 
 def _variants(document: Mapping[str, Any]) -> Mapping[str, Any]:
@@ -404,10 +403,8 @@ def _variants(document: Mapping[str, Any]) -> Mapping[str, Any]:
 
 def _share_period(tree: dict[str, Any]) -> None:
     """Give the assistant the control period of the simulation, unless the experiment sets it."""
-    simulation = tree.get("simulation")
-    if isinstance(simulation, Mapping):
-        period = simulation.get("control_period")
-        set_default(tree, "brake_assist", "control_period", period)
+    period = _section(tree, "simulation").get("control_period")
+    set_default(tree, "brake_assist", "control_period", period)
 
 
 def _twist_delay(tree: Mapping[str, Any]) -> float | None:
@@ -418,8 +415,7 @@ def _twist_delay(tree: Mapping[str, Any]) -> float | None:
     """
     if tree.get("feedback", "optical") != "optical":
         return None
-    simulation = tree.get("simulation", {})
-    configured = simulation.get("control_period") if isinstance(simulation, Mapping) else None
+    configured = _section(tree, "simulation").get("control_period")
     period = SimulationConfiguration().control_period if configured is None else configured
     longest = 0.4  # s; twice the limit on `feedback_delay`
     usable = isinstance(period, int | float) and 0.0 < period <= longest

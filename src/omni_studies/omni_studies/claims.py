@@ -17,6 +17,7 @@ from fnmatch import fnmatchcase
 from importlib.resources import files
 from typing import Any
 
+import numpy as np
 import yaml
 
 from omni_runs.metrics import Metric, results_entry
@@ -70,18 +71,13 @@ def _of(cases: _Cases, pattern: str) -> list[float]:
 
 
 def _extreme(choose: Callable[[list[float]], float]) -> Callable[..., float]:
-    """Return a variant of `min` or `max` that returns NaN if any value is NaN."""
-
-    def chosen(*values: Any) -> float:
-        found = list(values[0] if len(values) == 1 else values)
-        return math.nan if any(map(math.isnan, found)) else choose(found)
-
-    return chosen
+    """Return `numpy.min` or `numpy.max`, which return NaN if any value is NaN, for any values."""
+    return lambda *values: choose(list(values[0] if len(values) == 1 else values))
 
 
 _FUNCTIONS: dict[str, Any] = {
-    "of": _of, "min": _extreme(min), "max": _extreme(max), "abs": abs, "mean": statistics.fmean,
-    "zip": zip,
+    "of": _of, "min": _extreme(np.min), "max": _extreme(np.max), "abs": abs,
+    "mean": statistics.fmean, "zip": zip,
 }  # fmt: skip
 
 

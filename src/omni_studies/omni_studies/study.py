@@ -18,6 +18,7 @@ import importlib
 import json
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any, Protocol
 
 from matplotlib.figure import Figure
@@ -130,21 +131,6 @@ class Study(Protocol):
         """Run the study with its `Options`, and write figures and data into the folder."""
 
 
-class _Case:
-    """One of several studies that are defined in one module."""
-
-    def __init__(self, module: Any, name: str) -> None:
-        self.__doc__ = f"{module.CASES[name]}.\n\n{module.__doc__}"
-        self.Options = getattr(module, "OPTIONS", {}).get(name, module.Options)
-        self._module, self._name = module, name
-
-    def run(self, options: Any, study: StudyRun) -> StudyResult:
-        """Run the case."""
-        run = getattr(self._module, "RUNS", {}).get(self._name, self._module.run)
-        result: StudyResult = run(options, dataclasses.replace(study, case=self._name))
-        return result
-
-
 def load_study(name: str) -> Study:
     """Return the study with a given name.
 
@@ -153,7 +139,15 @@ def load_study(name: str) -> Study:
     """
     module, _ = plugins.described_modules(_STUDIES)[name]
     loaded: Any = importlib.import_module(f"{_STUDIES}.{module}")
-    return _Case(loaded, name) if hasattr(loaded, "CASES") else loaded
+    if hasattr(loaded, "CASES"):
+        run = getattr(loaded, "RUNS", {}).get(name, loaded.run)
+        loaded = SimpleNamespace(
+            __doc__=f"{loaded.CASES[name]}.\n\n{loaded.__doc__}",
+            Options=getattr(loaded, "OPTIONS", {}).get(name, loaded.Options),
+            run=lambda options, study: run(options, dataclasses.replace(study, case=name)),
+        )
+    found: Study = loaded
+    return found
 
 
 def run_study(name: str, options: Any, study: StudyRun) -> tuple[StudyResult, dict[str, Any]]:

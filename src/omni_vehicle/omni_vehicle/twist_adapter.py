@@ -11,8 +11,6 @@ variance, a value that has always been exactly zero is no evidence of a measurem
 never set the component. It counts as unmeasured until it differs from zero.
 """
 
-from __future__ import annotations
-
 import itertools
 import math
 from collections import deque

@@ -19,12 +19,7 @@ from omni_core.quantities import FloatArray
 from omni_core.sensors import rotation_matrix
 from omni_core.signals import UNMEASURED_VARIANCE
 from omni_ros.frames import FrameConfiguration, frame_problem, prefix_frames
-from omni_ros.messages import (
-    imu_vectors_of,
-    planar_twist_with_covariance,
-    to_nanoseconds,
-    twist_of,
-)
+from omni_ros.messages import imu_vectors_of, planar_twist_with_covariance, to_nanoseconds, twist_of
 from omni_ros.parameters import declare_configuration
 from omni_ros.pose_publisher import PosePublisher
 from omni_ros.process import run_process, spin_until_stopped

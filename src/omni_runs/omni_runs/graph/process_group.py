@@ -158,11 +158,6 @@ class RunningProcess:
         self.signal(signal.SIGTERM)
         self.signal(signal.SIGCONT)  # a halted process could not end
 
-    def stop(self) -> int:
-        """Request the end of the process, then call `wait_or_kill`; return the exit code."""
-        self.request_stop()
-        return self.wait_or_kill()
-
     def wait_or_kill(self) -> int:
         """Wait until the process ends after `request_stop`, and return its exit code.
 
@@ -239,7 +234,8 @@ class ProcessGroup:
             for process in senders:
                 process.wait_or_kill()
         for process in reversed(self.running):
-            process.stop()
+            process.request_stop()
+            process.wait_or_kill()
 
     def raise_if_ended(self, besides: RunningProcess | None = None) -> None:
         """If a process has ended, raise `ProcessError` with its error output; note its halts.

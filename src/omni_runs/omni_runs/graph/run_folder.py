@@ -37,20 +37,15 @@ _DISTRIBUTIONS = (
 )
 
 
-def unused(folder: Path, option: str = "--out") -> Path:
-    """Check that a results folder is new or empty, and return it.
-
-    Args:
-        folder: folder to be created.
-        option: option by which the folder was given, for messages.
+def unused(folder: Path) -> Path:
+    """Check that the results folder of --out is new or empty, and return it.
 
     Raises:
         ConfigurationError: the path is a file, or the folder is not empty.
     """
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-        raise ConfigurationError(
-            option, f"{folder} exists and is not an empty folder; choose another"
-        )
+        problem = f"{folder} exists and is not an empty folder; choose another"
+        raise ConfigurationError("--out", problem)
     return folder
 
 

@@ -95,10 +95,7 @@ def run(options: Options, workspace: ExperimentWorkspace) -> Report:
     return Report(
         metrics={key: entry for one in comparisons for key, entry in _entries(one).items()},
         details={"folder": str(folder)},
-        text=(
-            *(f"{one.topic}: {_in_words(one)}" for one in comparisons),
-            f"recorded in {folder}",
-        ),
+        text=(*(f"{one.topic}: {_in_words(one)}" for one in comparisons), f"recorded in {folder}"),
         hints=hints,
         ok=not options.check or all(one.agrees for one in comparisons),
     )

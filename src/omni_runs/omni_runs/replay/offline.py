@@ -43,7 +43,7 @@ def replay_offline(bag: Bag, plan: plans.ReplayPlan, folder: Path) -> None:
     from rosbags.typesys import Stores, get_typestore
 
     store = get_typestore(Stores.ROS2_JAZZY)
-    cores = _Cores(plan)
+    cores = _cores(plan)
     qos = metadata.RecordedQos(replay_lines.DEPTH)
     outputs = [
         metadata.RecordedTopic(topic, find_message_definition(kind), qos)
@@ -53,7 +53,7 @@ def replay_offline(bag: Bag, plan: plans.ReplayPlan, folder: Path) -> None:
         for recorded, message in decoded_messages(bag, plan.inputs, ordered=True):
             topic = recorded.channel.topic
             try:
-                results = list(cores.take(topic, message))
+                results = list(_take(cores, topic, message))
             except ValueError as error:
                 raise BagError(bag.path, f"{topic} at {recorded.log_ns} ns: {error}") from None
             for output, answer in results:
@@ -61,24 +61,25 @@ def replay_offline(bag: Bag, plan: plans.ReplayPlan, folder: Path) -> None:
                 writer.write(output, messages.to_nanoseconds(answer.header.stamp), data)
 
 
-class _Cores:
-    """Cores of the nodes, and for each topic the function that processes its messages."""
+Takers = Mapping[str, Callable[[Any], Iterable[Messages]]]
+"""Functions that process the messages of a topic, by topic."""
 
-    def __init__(self, plan: plans.ReplayPlan) -> None:
-        configuration = plan.configuration
-        self._takers: dict[str, Callable[[Any], Iterable[Messages]]] = {}
-        if plans.BRAKE_ASSIST in plan.nodes:
-            self._takers |= _assistant(configuration)
-        if plans.ODOMETRY in plan.nodes:
-            self._takers |= _odometry(configuration)
 
-    def take(self, topic: str, message: Any) -> Iterator[tuple[str, Any]]:
-        for answers in self._takers[topic](message):
-            for name, result in answers.items():
-                output = f"/{name}"
-                yield output, result
-                if output in self._takers:  # this output is an input of another core
-                    yield from self.take(output, result)
+def _cores(plan: plans.ReplayPlan) -> Takers:
+    """Return the functions with which the cores of the nodes take their inputs."""
+    configuration = plan.configuration
+    assistant = _assistant(configuration) if plans.BRAKE_ASSIST in plan.nodes else {}
+    return assistant | (_odometry(configuration) if plans.ODOMETRY in plan.nodes else {})
+
+
+def _take(cores: Takers, topic: str, message: Any) -> Iterator[tuple[str, Any]]:
+    """Yield topic and message of each output that a message causes."""
+    for answers in cores[topic](message):
+        for name, result in answers.items():
+            output = f"/{name}"
+            yield output, result
+            if output in cores:  # this output is an input of another core
+                yield from _take(cores, output, result)
 
 
 def _odometry(configuration: ExperimentConfiguration) -> dict[str, Callable[[Any], Any]]:

@@ -88,12 +88,11 @@ def configurations(fault: SensorFault, time: float) -> dict[str, FaultConfigurat
         size = float(np.copysign(first * (last / first) ** share, fault.amplitude))
         one = FaultConfiguration(channel=channel, kind=fault.kind, axis=axis, time=time)
         one = dataclasses.replace(one, amplitude=size, period=fault.period)
-        faults[channel] = one
+        if fault.burst == 0.0:
+            faults[channel] = one
         for k in range(_REPETITIONS if fault.burst > 0.0 else 0):
             start = round(time + 2.0 * k * fault.burst, 3)
             faults[f"{channel}_{k}"] = dataclasses.replace(one, time=start, duration=fault.burst)
-        if fault.burst > 0.0:
-            del faults[channel]
     return faults
 
 

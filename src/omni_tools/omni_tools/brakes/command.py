@@ -35,10 +35,7 @@ class Options(CommandOptions):
     vehicle: str | None = option(None)
     """a file of config/vehicles/, or a path that ends in .yaml (default: the vehicle of the
     configuration next to the first recording)"""
-    twist: str = option(
-        topics.TWIST.name,
-        choices=tuple(topics.WITH_TWIST),
-    )
+    twist: str = option(topics.TWIST.name, choices=tuple(topics.WITH_TWIST))
     """topic with the measured twist: odometry/twist, velocity_sensor/twist or ground_truth/odom"""
     out: Path | None = option(None, metavar="DIR")
     """folder for brake file and figure (default: results/fit-brakes/RECORDING)"""

@@ -22,8 +22,6 @@ does not depend on the distribution of the work. The jobs of a job array run par
 table.
 """
 
-from __future__ import annotations
-
 import csv
 import functools
 import hashlib
@@ -33,6 +31,7 @@ import os
 import re
 import signal
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, wait
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Generic, TypeVar, get_type_hints
@@ -274,33 +273,29 @@ def distribute(
     Raises:
         CampaignError: several cluster workers in a row died with the same chunk.
     """
-    from distributed import as_completed
     from distributed.scheduler import KilledWorker
 
+    # The function is sent with every chunk. If it were stored on a single worker, it would be lost
+    # with this worker.
+    executor = client.get_executor(pure=False)
     chunk = functools.partial(_run_chunk, work)
     lanes = max(1, sum(client.nthreads().values()))
     chunks = _Chunks(seeds, lanes)
     learn = chunks.taking(take)
-
-    def submit() -> Iterator[Any]:
-        if part := chunks.next():
-            # The function is sent with every chunk. If it were stored on a single worker, it would
-            # be lost with this worker.
-            yield client.submit(chunk, part, pure=False)
-
-    flying = {future for _ in range(_IN_FLIGHT * lanes) for future in submit()}
-    completed = as_completed(flying, with_results=True)
+    flying: set[Future[Any]] = set()
     try:
-        for future, answer in completed:
-            flying.discard(future)
-            learn(answer)
-            for following in submit():
-                flying.add(following)
-                completed.add(following)
+        while True:
+            while len(flying) < _IN_FLIGHT * lanes and (part := chunks.next()):
+                flying.add(executor.submit(chunk, part))
+            if not flying:
+                return
+            finished, flying = wait(flying, return_when=FIRST_COMPLETED)
+            for future in finished:
+                learn(future.result())
     except KilledWorker as error:
         raise CampaignError(f"several workers died with these runs: {error}") from None
     finally:
-        client.cancel(list(flying))
+        executor.shutdown(wait=False)  # cancels the other chunks
 
 
 def _run_chunk(work: Work[Row], seeds: Sequence[int]) -> tuple[list[Row], float]:

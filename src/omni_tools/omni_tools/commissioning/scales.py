@@ -224,11 +224,7 @@ def _tests(share: FloatArray, sensors: int) -> FloatArray:
 
 
 def _fits(
-    scaled: FloatArray,
-    target: FloatArray,
-    errors: Sequence[Scale],
-    count: int,
-    budget: int,
+    scaled: FloatArray, target: FloatArray, errors: Sequence[Scale], count: int, budget: int
 ) -> list[tuple[list[int], FloatArray]]:
     """Return the sets of `count` errors that pass all tests, each with its fitted errors.
 

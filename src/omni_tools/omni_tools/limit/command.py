@@ -64,12 +64,7 @@ class Options(CommandOptions):
 def run(options: Options, workspace: ExperimentWorkspace) -> Report:
     """Compute the bounds, and with ``--best`` the shortest stops."""
     from omni_runs.figures.tables.comparison_table import ComparisonTable
-    from omni_runs.limit.bounds import (
-        any_heading_bound,
-        heading_bound,
-        maneuver_of,
-        straight_bound,
-    )
+    from omni_runs.limit.bounds import any_heading_bound, heading_bound, maneuver_of, straight_bound
     from omni_runs.metrics import Metric, results_document
 
     if options.out is not None and not options.best:

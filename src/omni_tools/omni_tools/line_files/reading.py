@@ -31,6 +31,9 @@ _MOST_BYTES = 1 << 32  # limit on the size of all lines of a file or folder [B]
 class LineFileError(configuration.ConfigurationError):
     """A file cannot be read as lines; the message names the file and the reason."""
 
+    def __init__(self, path: Path | str, problem: str) -> None:
+        super().__init__(str(path), problem)
+
 
 @dataclasses.dataclass(frozen=True)
 class RawFormat:
@@ -58,7 +61,7 @@ def read_lines(path: Path, cut: Cut, raw: RawFormat = RawFormat()) -> signals.Li
             differ in length or type.
     """
     if not path.exists():
-        raise LineFileError(str(path), "there is no such file or folder")
+        raise LineFileError(path, "there is no such file or folder")
     lengths: set[tuple[int, str]] = set()
     parts: list[signals.Lines] = []
     size = 0
@@ -69,12 +72,12 @@ def read_lines(path: Path, cut: Cut, raw: RawFormat = RawFormat()) -> signals.Li
             if len(lengths) > 1:
                 found = " and ".join(f"{n} px of {kind}" for n, kind in sorted(lengths))
                 raise LineFileError(
-                    str(path), f"contains lines of {found}; all lines must be equally long"
+                    path, f"contains lines of {found}; all lines must be equally long"
                 )
             size += part.nbytes
             if size > _MOST_BYTES:
                 raise LineFileError(
-                    str(path),
+                    path,
                     f"contains more than {_MOST_BYTES >> 30} GiB of lines: import it in pieces",
                 )
             parts.append(part)
@@ -82,11 +85,11 @@ def read_lines(path: Path, cut: Cut, raw: RawFormat = RawFormat()) -> signals.Li
         if isinstance(error, LineFileError):
             raise
         if isinstance(error, FrameError):
-            raise LineFileError(str(path), str(error)) from None
+            raise LineFileError(path, str(error)) from None
         words = " ".join(str(error).split())
-        raise LineFileError(str(path), f"cannot be read: {words}") from None
+        raise LineFileError(path, f"cannot be read: {words}") from None
     if not any(len(part) for part in parts):
-        raise LineFileError(str(path), "contains no line")
+        raise LineFileError(path, "contains no line")
     return np.ascontiguousarray(np.concatenate(parts))
 
 
@@ -105,17 +108,17 @@ def constant_rate(path: Path, counts: set[int]) -> tuple[float, int]:
         read = np.load(path, allow_pickle=False) if path.suffix == ".npy" else _table(path)
         times = np.asarray(read, np.float64).ravel()
     except (OSError, ValueError, EOFError) as error:
-        raise LineFileError(str(path), f"cannot be read: {' '.join(str(error).split())}") from None
+        raise LineFileError(path, f"cannot be read: {' '.join(str(error).split())}") from None
     if counts != {len(times)} or len(times) < 2:
         found = " and ".join(map(str, sorted(counts)))
-        raise LineFileError(str(path), f"has {len(times)} times for {found} lines")
+        raise LineFileError(path, f"has {len(times)} times for {found} lines")
     numbers = np.arange(len(times))
     period, first = np.polyfit(numbers, times - times[0], 1)
     late = times - times[0] - first - period * numbers
     if not np.all(np.isfinite(times)) or period <= 0.0 or np.max(np.abs(late)) > 0.5 * period:
         steps = 1e3 * np.diff(times)
         raise LineFileError(
-            str(path),
+            path,
             f"the lines have no constant rate: {np.min(steps):.3g} to {np.max(steps):.3g} ms from "
             "line to line; lines were lost, or an encoder triggers the camera: let it run freely, "
             "or trigger it by a clock",
@@ -129,7 +132,7 @@ def _frames(path: Path, raw: RawFormat) -> Iterator[NDArray[Any]]:
     if path.is_dir():
         files = [p for p in path.iterdir() if p.suffix.lower() in PICTURES and p.is_file()]
         if not files:
-            raise LineFileError(str(path), f"holds no picture ({', '.join(PICTURES)})")
+            raise LineFileError(path, f"holds no picture ({', '.join(PICTURES)})")
         for file in sorted(files, key=_by_number):
             yield from _pages(file)
     elif suffix in PICTURES:
@@ -142,20 +145,19 @@ def _frames(path: Path, raw: RawFormat) -> Iterator[NDArray[Any]]:
     elif suffix in RAW:
         if raw.pixels <= 0:
             raise LineFileError(
-                str(path), "contains raw bytes: set the number of pixels per line with --pixels"
+                path, "contains raw bytes: set the number of pixels per line with --pixels"
             )
         values = np.fromfile(path, f"<u{raw.bits // 8}")
         if len(values) % raw.pixels:
             raise LineFileError(
-                str(path),
-                f"{len(values)} pixels are not a whole number of lines of {raw.pixels} px",
+                path, f"{len(values)} pixels are not a whole number of lines of {raw.pixels} px"
             )
         yield values.reshape(-1, raw.pixels)
     elif suffix in VIDEOS:
         yield from _video(path)
     else:
         known = ", ".join((*PICTURES, ".npy", ".csv", *RAW, *VIDEOS))
-        raise LineFileError(str(path), f"is none of {known}, nor a folder of pictures")
+        raise LineFileError(path, f"is none of {known}, nor a folder of pictures")
 
 
 def _by_number(path: Path) -> list[Any]:
@@ -169,7 +171,7 @@ def _pages(path: Path) -> Iterator[NDArray[Any]]:
         for page in ImageSequence.Iterator(image):
             gray = page if page.mode.startswith("I") else page.convert("L")
             if page.mode not in _GRAY_8 and not page.mode.startswith("I"):
-                raise LineFileError(str(path), f"has pixels of the mode {page.mode}, not gray")
+                raise LineFileError(path, f"has pixels of the mode {page.mode}, not gray")
             yield np.array(gray)
 
 
@@ -187,7 +189,7 @@ def _video(path: Path) -> Iterator[NDArray[Any]]:
         cv2: Any = importlib.import_module("cv2")
     except ImportError:
         raise LineFileError(
-            str(path),
+            path,
             f"is a video, which requires OpenCV: {INSTALL.format('opencv')}; or give its frames as "
             "pictures",
         ) from None

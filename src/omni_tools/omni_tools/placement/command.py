@@ -4,20 +4,13 @@ Search for the positions of line cameras that give the smallest mean twist error
 evaluate given and common placements for comparison.
 """
 
-from __future__ import annotations
-
 import shlex
-from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
 
 from omni_core.commands.command_options import CommandOptions, option
 from omni_core.commands.command_report import Report, write_text
 from omni_runs.workspace import ExperimentWorkspace
 from omni_tools.placement.options import PlacementOptions
-
-if TYPE_CHECKING:
-    from omni_tools.placement.design import Design, DesignTask, PlacementTrial
 
 
 class Options(PlacementOptions, CommandOptions):
@@ -33,7 +26,7 @@ def run(options: Options, workspace: ExperimentWorkspace) -> Report:
     from omni_runs.figures.style import save_figure
     from omni_tools.placement.design import confirm, design, design_task
     from omni_tools.placement.figure import placement_figure
-    from omni_tools.placement.report import entries, sensor_file
+    from omni_tools.placement.report import entries, printed, sensor_file
 
     vehicle = short_name(options.vehicle)
     folder = workspace.results(options.out, "design-sensors", vehicle)
@@ -51,37 +44,12 @@ def run(options: Options, workspace: ExperimentWorkspace) -> Report:
     singular |= any(placement.singular for placement in result.steered.values())
     return Report(
         metrics=entries(task, result, driven),
-        text=_text(task, result, driven, conditions),
+        text=printed(task, result, driven, conditions),
         files=(placement, save_figure(figure, folder.resolve() / "placements.png")),
         hints=(_use(options.vehicle, placement),),
         summary=folder,
         ok=not (options.check and singular),
     )
-
-
-def _text(
-    task: DesignTask, result: Design, driven: Mapping[str, PlacementTrial], conditions: str
-) -> Iterator[Any]:
-    from omni_core.commands.wrapped_table import WrappedTable
-    from omni_runs.figures.tables.comparison_table import ComparisonTable
-    from omni_tools.placement.report import column, findings
-
-    sensors = task.in_body(result.best.sensors)
-    columns = {
-        "x [m]": [f"{sensor.x:.3f}" for sensor in sensors.values()],
-        "y [m]": [f"{sensor.y:.3f}" for sensor in sensors.values()],
-        "heading [deg]": [f"{sensor.heading_deg:.0f}" for sensor in sensors.values()],
-    }
-    yield WrappedTable({"sensor": list(sensors)}, columns)
-    yield ComparisonTable(
-        {
-            placement.name: column(placement, driven.get(placement.name), result.criterion.gyration)
-            for placement in result.placements
-            if placement.name in task.given or not placement.singular
-        },
-        title="standard deviations of the twist, and its mean error over the platform",
-    )
-    yield from findings(task, result, conditions)
 
 
 def _use(vehicle: str, placement: Path) -> str:

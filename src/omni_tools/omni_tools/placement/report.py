@@ -2,9 +2,11 @@
 
 import dataclasses
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any
 
+from omni_core.commands.wrapped_table import WrappedTable
+from omni_runs.figures.tables.comparison_table import ComparisonTable
 from omni_runs.metrics import Metric, results_entry
 from omni_runs.yaml_files import commented_yaml
 from omni_tools.placement import design
@@ -70,6 +72,31 @@ def _metrics(
         "singular": Metric(float(singular), "1", note=placement.singular),
         "mountable": Metric(float(mountable), "1", note=placement.mounting),
     }
+
+
+def printed(
+    task: design.DesignTask,
+    result: design.Design,
+    driven: Mapping[str, design.PlacementTrial],
+    conditions: str,
+) -> Iterator[Any]:
+    """Yield the tables and sentences that the terminal shows."""
+    sensors = task.in_body(result.best.sensors)
+    columns = {
+        "x [m]": [f"{sensor.x:.3f}" for sensor in sensors.values()],
+        "y [m]": [f"{sensor.y:.3f}" for sensor in sensors.values()],
+        "heading [deg]": [f"{sensor.heading_deg:.0f}" for sensor in sensors.values()],
+    }
+    yield WrappedTable({"sensor": list(sensors)}, columns)
+    yield ComparisonTable(
+        {
+            placement.name: column(placement, driven.get(placement.name), result.criterion.gyration)
+            for placement in result.placements
+            if placement.name in task.given or not placement.singular
+        },
+        title="standard deviations of the twist, and its mean error over the platform",
+    )
+    yield from findings(task, result, conditions)
 
 
 def column(

@@ -27,28 +27,16 @@ LATTICE = np.array([1e-3, 1e-3, math.radians(1.0)])
 """Steps to multiples of which x, y [m] and heading [rad] are rounded."""
 
 
-class Effort(NamedTuple):
-    """Parameters of the search that determine its accuracy and duration.
-
-    Attributes:
-        equal: relative increase of the criterion that is accepted in favor of a symmetric placement
-            [1].
-        population: number of placements in each generation, per free coordinate.
-        generations: limit on the number of generations.
-        spread: the search ends if the standard deviation of the criterion over a generation is this
-            share of its mean [1].
-        neighbors: number of steps of `LATTICE` by which a neighbor of the rounded placement may
-            differ in each coordinate.
-    """
-
-    equal: float = 0.01
-    population: int = 20
-    generations: int = 1000
-    spread: float = 1e-6
-    neighbors: int = 3
-
-
-_USUAL = Effort()
+# Relative increase of the criterion that is accepted in favor of a symmetric placement [1].
+_EQUAL = 0.01
+_POPULATION = 20  # number of placements in each generation, per free coordinate
+_GENERATIONS = 1000  # limit on the number of generations
+# The search ends if the standard deviation of the criterion over a generation is this share of its
+# mean [1].
+_SPREAD = 1e-6
+# Number of steps of `LATTICE` by which a neighbor of the rounded placement may differ in each
+# coordinate.
+_NEIGHBORS = 3.0
 _SINGULAR = 1e6  # replaces an infinite criterion, larger than that of any useful placement
 _PENALTY = 1e9  # for each camera and pair of cameras that do not fit
 _LEFT_RIGHT, _FRONT_BACK, _TURNED = (1.0, -1.0, -1.0), (-1.0, 1.0, -1.0), (-1.0, -1.0, 1.0)
@@ -104,7 +92,7 @@ def search(
     count: int,
     *,
     redundant: bool = False,
-    effort: Effort = _USUAL,
+    population: int = _POPULATION,
     seed: int = 1,
     report: Callable[[float, str], None] = lambda _share, _words: None,
 ) -> FoundPlacement:
@@ -116,14 +104,14 @@ def search(
         count: number of cameras.
         redundant: whether to minimize the criterion after the failure of the most important camera,
             instead of the criterion of all cameras.
-        effort: effort of the search.
+        population: number of placements in each generation, per free coordinate.
         seed: seed of the random initial placements.
         report: function that is called with the completed share (0 to 1) and a text.
 
     Raises:
         NoRoomError: no placement was found that fits and is not singular.
     """
-    trial = _Search(criterion, area, redundant, effort, seed)
+    trial = _Search(criterion, area, redundant, population, seed)
     layouts = _layouts(count)
     found: list[tuple[float, str, tuple[_Unit, ...], FloatArray]] = []
     for index, (symmetry, units) in enumerate(layouts):
@@ -136,7 +124,7 @@ def search(
     best = min(found, key=lambda entry: entry[0])
     symmetric = (entry for entry in found if entry[1])
     regular = min(symmetric, key=lambda entry: entry[0], default=best)
-    chosen = regular if regular[0] <= best[0] * (1.0 + effort.equal) else best
+    chosen = regular if regular[0] <= best[0] * (1.0 + _EQUAL) else best
     value, symmetry, units, places = chosen
     rounded_value, rounded = trial.round(units, places)
     if not math.isfinite(rounded_value):
@@ -179,17 +167,14 @@ def _all(units: Sequence[_Unit], places: FloatArray) -> FloatArray:
     return np.concatenate(poses, axis=-2)
 
 
-class _Search:
+class _Search(NamedTuple):
     """Differential evolution for one chassis and criterion."""
 
-    def __init__(
-        self, criterion: Criterion, area: MountingArea, redundant: bool, effort: Effort, seed: int
-    ) -> None:
-        self._effort = effort
-        self._criterion = criterion
-        self._area = area
-        self._redundant = redundant
-        self._seed = seed
+    criterion: Criterion
+    area: MountingArea
+    redundant: bool
+    population: int
+    seed: int
 
     def minimize(self, units: tuple[_Unit, ...]) -> tuple[float, FloatArray]:
         """Return the lowest criterion and the pose of the first camera of each unit, (units, 3).
@@ -197,7 +182,7 @@ class _Search:
         The criterion is infinite if no placement fits.
         """
         start = np.array([(0.0, 0.0, unit.heading) for unit in units])
-        reach = np.array([*self._area.reach, 0.5 * math.pi])
+        reach = np.array([*self.area.reach, 0.5 * math.pi])
         return self._evolve(units, start, np.ones(3), reach)
 
     def round(self, units: tuple[_Unit, ...], places: FloatArray) -> tuple[float, FloatArray]:
@@ -211,8 +196,7 @@ class _Search:
             Value of the criterion; rounded poses, shape (units, 3).
         """
         nearest = np.round(places / LATTICE) * LATTICE
-        steps = np.full(3, float(self._effort.neighbors))
-        value, found = self._evolve(units, nearest, LATTICE, steps, whole=True)
+        value, found = self._evolve(units, nearest, LATTICE, np.full(3, _NEIGHBORS), whole=True)
         return value, np.round(found / LATTICE) * LATTICE
 
     def _evolve(
@@ -245,12 +229,12 @@ class _Search:
             lambda numbers: self._value(_all(units, placed(numbers.T))),
             optimize.Bounds(-bound, bound),
             integrality=whole,
-            popsize=self._effort.population,
-            maxiter=self._effort.generations,
-            tol=self._effort.spread,
+            popsize=self.population,
+            maxiter=_GENERATIONS,
+            tol=_SPREAD,
             mutation=(0.4, 0.9),
             recombination=0.9,
-            rng=self._seed,
+            rng=self.seed,
             polish=False,
             vectorized=True,
             updating="deferred",
@@ -263,13 +247,13 @@ class _Search:
         Args:
             poses: x, y [m] and heading [rad] of the cameras, shape (K, N, 3).
         """
-        misfits = np.sum(~self._area.fits(poses), axis=1)
+        misfits = np.sum(~self.area.fits(poses), axis=1)
         for i, j in itertools.combinations(range(poses.shape[1]), 2):
-            misfits += ~self._area.apart(poses[:, i], poses[:, j])
-        own = self._criterion.information(poses)
+            misfits += ~self.area.apart(poses[:, i], poses[:, j])
+        own = self.criterion.information(poses)
         total = own.sum(axis=1)
         evaluated = [total]
-        if self._redundant:
+        if self.redundant:
             evaluated += [total - own[:, index] for index in range(own.shape[1])]
-        values = np.max([self._criterion.value(each) for each in evaluated], axis=0)
+        values = np.max([self.criterion.value(each) for each in evaluated], axis=0)
         return np.asarray(np.minimum(values, _SINGULAR) + _PENALTY * misfits)

@@ -1,7 +1,5 @@
 """Masses, chassis and sensors of a robot description."""
 
-from __future__ import annotations
-
 import math
 import re
 

@@ -1,7 +1,5 @@
 """Differences between the wheels of a robot description and those of its controller."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 

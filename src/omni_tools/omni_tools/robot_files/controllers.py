@@ -4,8 +4,6 @@
 controllers of robots that name the same quantities otherwise (`_NAMES`).
 """
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Iterator, Mapping

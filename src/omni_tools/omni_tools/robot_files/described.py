@@ -1,7 +1,5 @@
 """What the files of a robot say of a vehicle, with their contradictions and gaps."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 import re

@@ -6,8 +6,6 @@ between the axles, and the rolling direction is the one that the controller assu
 odometry is right or wrong on the robot.
 """
 
-from __future__ import annotations
-
 import itertools
 import math
 import re
@@ -132,10 +130,7 @@ def _of_controller(controller: Controller | None, radius: float | None) -> Descr
 
 
 def _kind(
-    found: Described,
-    wheels: Wheels,
-    controller: Controller | None,
-    given: str | None,
+    found: Described, wheels: Wheels, controller: Controller | None, given: str | None
 ) -> str:
     """Return the kind of the wheels: the user's, the controller's, or that of the axles."""
     parallel = _are_parallel(wheels)
@@ -194,11 +189,7 @@ def _outward(robot: Robot, wheels: Wheels) -> Wheels:
 
 
 def _place_wheels(
-    found: Described,
-    file: str,
-    wheels: Wheels,
-    controller: Controller | None,
-    radius: float | None,
+    found: Described, file: str, wheels: Wheels, controller: Controller | None, radius: float | None
 ) -> None:
     """Enter position, direction, rollers, radius and width of each wheel."""
     center = np.mean([wheel.place[:2] for wheel in wheels], axis=0)

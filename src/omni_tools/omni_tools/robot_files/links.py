@@ -5,8 +5,6 @@ masses and shapes are in the frame of their link. Poses are matrices of shape (4
 coordinates of a frame to those of its parent, or of another frame; all joints are at zero.
 """
 
-from __future__ import annotations
-
 import functools
 import math
 import warnings

@@ -1,7 +1,5 @@
 """Wheels of a robot description: which joints they are, and their geometry."""
 
-from __future__ import annotations
-
 import math
 import re
 from collections import Counter

@@ -70,14 +70,8 @@ def run(options: Options, workspace: ExperimentWorkspace) -> Report:
 
 
 def _entries(fit: TireFit, model: str, data: TireData) -> dict[str, Any]:
-    from omni_runs.figures.units import unit_of
-    from omni_sim.tire.models import MODELS
-
-    kind = MODELS[model].configuration
     entries = {
-        f"{key.replace('.', '_')}.{model}": estimate(
-            value, unit_of(kind, key), error, bounded=fixed
-        )
+        f"{key.replace('.', '_')}.{model}": estimate(value, fit.unit(key), error, bounded=fixed)
         for key, value, error, fixed in _rows(fit)
     }
     entries[f"residual.{model}"] = {"value": fit.residual, "unit": "N"}
@@ -87,15 +81,10 @@ def _entries(fit: TireFit, model: str, data: TireData) -> dict[str, Any]:
 
 def _given(fit: TireFit, model: str) -> str:
     """Return the parameters that are not fitted, such as the loads of the fitted forces."""
-    from omni_runs.figures.units import unit_of
-    from omni_sim.tire.models import MODELS
-
-    kind = MODELS[model].configuration
-    numbers = {key: value for key, value in fit.mapping[model].items() if isinstance(value, float)}
     return ", ".join(
-        f"{key.replace('_', ' ')} {value:g} {unit_of(kind, key)}"
-        for key, value in numbers.items()
-        if key not in fit.keys
+        f"{key.replace('_', ' ')} {value:g} {fit.unit(key)}"
+        for key, value in fit.mapping[model].items()
+        if isinstance(value, float) and key not in fit.keys
     )
 
 

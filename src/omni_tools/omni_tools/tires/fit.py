@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 from omni_core.configuration import ConfigurationError, WorkError, from_mapping
 from omni_core.quantities import BoolArray, FloatArray
 from omni_runs.figures import style
-from omni_runs.figures.units import readable_unit
+from omni_runs.figures.units import readable_unit, unit_of
 from omni_sim.tire.interface.configuration import LARGEST_FORCE, LOAD_RANGE, TireConfiguration
 from omni_sim.tire.interface.model import FitRecipe, Landmarks
 from omni_sim.tire.models import MODELS
@@ -51,6 +51,10 @@ class TireFit(NamedTuple):
     at_bound: BoolArray
     residual: float
     mapping: dict[str, Any]
+
+    def unit(self, key: str) -> str:
+        """Return the unit of a parameter of the model with this dotted key."""
+        return unit_of(MODELS[self.tire.model].configuration, key)
 
 
 def fit_tire(data: TireData, model: str) -> TireFit:

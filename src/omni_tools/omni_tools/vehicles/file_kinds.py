@@ -1,6 +1,6 @@
 """Kind of a configuration file, inferred from its keys."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Collection, Mapping
 from typing import Any
 
 from omni_core.configuration import Configuration, declared_parameters
@@ -19,34 +19,22 @@ def possible_kinds(tree: Mapping[str, Any]) -> list[str]:
     Args:
         tree: nested values of a file.
     """
+    cameras = [value if isinstance(value, Mapping) else () for value in tree.values()]
     shares = {
-        kind: _mean([known(*item) for item in tree.items()]) for kind, known in _KNOWN.items()
+        "vehicles": _share(tree, _declared(VehicleConfiguration)),
+        "grounds": _share(tree, _declared(GroundConfiguration)),
+        "sensors": sum(_share(one, _declared(LineSensor)) for one in cameras) / max(len(tree), 1),
+        "experiments": _share(tree, {*_declared(ExperimentConfiguration), "variants"}),
+        "tires": _share(tree, _declared(TireConfiguration)),
     }
     largest = max(shares.values())
     return [kind for kind, share in shares.items() if share == largest > 0.0]
 
 
-def _mean(values: list[float]) -> float:
-    return sum(values) / len(values) if values else 0.0
+def _declared(cls: type[Configuration]) -> set[str]:
+    return {name for name, *_ in declared_parameters(cls)}
 
 
-def _declares(cls: type[Configuration], *further: str) -> Callable[[str, Any], float]:
-    names = {name for name, *_ in declared_parameters(cls)}.union(further)
-    return lambda key, _: float(key in names)
-
-
-def _camera(_name: str, values: Any) -> float:
-    if not isinstance(values, Mapping):
-        return 0.0
-    known = _declares(LineSensor)
-    return _mean([known(key, value) for key, value in values.items()])
-
-
-# Share of a key and its value that a kind of file declares, 0 to 1, keyed by kind.
-_KNOWN: Mapping[str, Callable[[str, Any], float]] = {
-    "vehicles": _declares(VehicleConfiguration),
-    "grounds": _declares(GroundConfiguration),
-    "sensors": _camera,
-    "experiments": _declares(ExperimentConfiguration, "variants"),
-    "tires": _declares(TireConfiguration),
-}
+def _share(keys: Collection[str], known: Collection[str]) -> float:
+    """Return the share of keys that are known, 0 to 1."""
+    return sum(key in known for key in keys) / max(len(keys), 1)

@@ -25,14 +25,14 @@ from omni_tools.placement.error import (
     singularity,
 )
 from omni_tools.placement.mounting_area import MountingArea, common_placements, named
-from omni_tools.placement.search import Effort, NoRoomError, search
+from omni_tools.placement.search import NoRoomError, search
 from omni_tools.placement.sensor_error import SensorError
 
 LIBRARY = ExperimentLibrary(Path(__file__).resolve().parents[4] / "config")
 VIEW = View()
 TEXTURE = SensorError(2.5e-7, 2.6e-4)
 MIX = MotionMix.of(10.0, 1.0, (1, 1, 1, 1))
-FAST = Effort(population=10)
+FAST = 10  # placements in each generation, per free coordinate
 
 
 @functools.cache
@@ -63,7 +63,7 @@ def test_on_a_free_disc_equal_sensors_reach_the_bound(count: int) -> None:
     wheels = LIBRARY.vehicle("mecanum_forklift").wheels
     area = Disc(Scene(1.2, 1.2, wheels), VIEW, 0.02, 0.0)
     criterion = MeanError(VIEW, SensorError(1e-6, 0.0), MotionMix.of(1e-6, 0.0, (1, 0, 0, 0)), 0.4)
-    found = search(criterion, area, count, effort=FAST)
+    found = search(criterion, area, count, population=FAST)
     bound = 1e-3 * math.sqrt(4.0 / count + 0.4**2 / (count * 0.6**2))
     assert bound * (1.0 - 1e-9) <= found.value <= 1.003 * bound
 
@@ -71,7 +71,7 @@ def test_on_a_free_disc_equal_sensors_reach_the_bound(count: int) -> None:
 @pytest.mark.parametrize("vehicle", ["mecanum_forklift", "three_wheel_robot"])
 def test_the_best_placement_beats_known_ones_and_can_be_mounted(vehicle: str) -> None:
     area, criterion = chassis(vehicle)
-    found = search(criterion, area, 3, effort=FAST)
+    found = search(criterion, area, 3, population=FAST)
     assert area.problem(named(found.poses, VIEW), found.poses) == ""
     best = evaluate("best", named(found.poses, VIEW), criterion, area)
     assert best.singular == ""
@@ -92,8 +92,8 @@ def test_the_best_placement_beats_known_ones_and_can_be_mounted(vehicle: str) ->
 def test_the_smallest_condition_number_is_not_the_smallest_error() -> None:
     area, criterion = chassis("six_wheel_mecanum")
     condition = ConditionNumber()
-    best = search(criterion, area, 3, effort=FAST).poses
-    round_one = search(condition, area, 3, effort=FAST).poses
+    best = search(criterion, area, 3, population=FAST).poses
+    round_one = search(condition, area, 3, population=FAST).poses
     numbers = [float(condition.value(condition.information(p).sum(0))) for p in (best, round_one)]
     assert numbers[1] == pytest.approx(1.0, abs=0.01)
     assert numbers[0] > 1.8
@@ -102,8 +102,8 @@ def test_the_smallest_condition_number_is_not_the_smallest_error() -> None:
 
 def test_redundancy_is_bought_with_little_error() -> None:
     area, criterion = chassis("mecanum_forklift")
-    plain = search(criterion, area, 4, effort=FAST).poses
-    spare = search(criterion, area, 4, effort=FAST, redundant=True)
+    plain = search(criterion, area, 4, population=FAST).poses
+    spare = search(criterion, area, 4, population=FAST, redundant=True)
     worst = max(after_failure(criterion, spare.poses))
     assert spare.value == pytest.approx(worst)
     assert worst < 0.97 * max(after_failure(criterion, plain))
@@ -132,14 +132,14 @@ def test_singular_and_unmountable_placements_are_named() -> None:
 
 def test_the_same_seed_gives_the_same_placement() -> None:
     area, criterion = chassis("mecanum_forklift")
-    first, second = (search(criterion, area, 3, effort=FAST, seed=9).poses for _ in range(2))
+    first, second = (search(criterion, area, 3, population=FAST, seed=9).poses for _ in range(2))
     assert np.array_equal(first, second)
 
 
 def test_no_room_is_said() -> None:
     area, criterion = chassis("mecanum_forklift")
     with pytest.raises(NoRoomError, match="no room for 3 sensors"):
-        search(criterion, dataclasses.replace(area, clearance=0.5), 3, effort=FAST)
+        search(criterion, dataclasses.replace(area, clearance=0.5), 3, population=FAST)
 
 
 def test_rectangles_overlap_as_their_outlines_do() -> None:

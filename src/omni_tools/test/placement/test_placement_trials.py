@@ -12,7 +12,7 @@ from omni_tools.line_trials.rig import View, ground
 from omni_tools.placement.design import drive_mix
 from omni_tools.placement.error import MeanError, MotionMix, gyration, poses_of
 from omni_tools.placement.mounting_area import MountingArea, named
-from omni_tools.placement.search import Effort, search
+from omni_tools.placement.search import search
 from omni_tools.placement.sensor_error import measure_sensor_error
 
 LIBRARY = ExperimentLibrary(Path(__file__).resolve().parents[4] / "config")
@@ -30,9 +30,7 @@ def test_predicted_errors_hold_and_the_best_placement_equals_the_default() -> No
     radius = gyration(vehicle.chassis_length, vehicle.chassis_width)
     mix = MotionMix.of(SPEED, 1.0, (1, 1, 0, 0))
     criterion = MeanError(VIEW, trial.error, mix, radius)
-    found = search(
-        criterion, MountingArea(scene, VIEW, 0.02, 0.02), 3, effort=Effort(population=10)
-    )
+    found = search(criterion, MountingArea(scene, VIEW, 0.02, 0.02), 3, population=10)
     places = LIBRARY.sensors("three_generic")
     default = {n: VIEW.mounted(s.x, s.y, s.heading_deg) for n, s in places.items()}
     measured, predicted = [], []
