@@ -32,6 +32,9 @@ if TYPE_CHECKING:
 
 WORK = "checking the vehicle"
 _LIVE = Path("live")
+_SHORTEST = 1e-3
+"""Smallest measured distance [m] or angle [deg]; a kilometer per meter is the largest mistake of a
+unit."""
 
 
 class Options(CommandOptions):
@@ -67,8 +70,10 @@ class Options(CommandOptions):
         """Check that every motion has a distance or an angle."""
         super().check_consistency()
         for name in ("distance", "angle", "forward", "left", "turn"):
-            if getattr(self, name) == 0.0:
-                raise ConfigurationError(f"--{name}", "must not be 0")
+            value = getattr(self, name)
+            if value is not None and abs(value) < _SHORTEST:
+                problem = f"{value:g} is no motion, must be at least {_SHORTEST:g} in magnitude"
+                raise ConfigurationError(f"--{name}", problem)
 
     @property
     def motions(self) -> tuple[float, float, float]:
