@@ -72,7 +72,7 @@ def test_what_does_not_fit_is_refused_by_its_option(words: str, message: str) ->
 
 @pytest.mark.parametrize("words", [[""], ["a", "--pairs="], ["a", "--ground", "cork", "--ground="]])
 def test_an_empty_text_is_no_folder_and_no_name(words: list[str]) -> None:
-    with pytest.raises(ConfigurationError, match="^(BAG|--pairs|--ground): is empty"):
+    with pytest.raises(ConfigurationError, match=r"^(BAG|--pairs|--ground): is empty"):
         parse_options(Options, words)
 
 
