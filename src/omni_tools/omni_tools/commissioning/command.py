@@ -188,7 +188,7 @@ def _sensors(motions: "Motions", stated: Sequence[float]) -> list[dict[str, Any]
         "twist sensor": (forward, left, float(motions.twist[2, 2])),
         "gyro": (math.nan, math.nan, float(motions.gyro[2])),
     }
-    rows = []
+    rows: list[dict[str, Any]] = []
     for sensor, values in measured.items():
         for motion, value, one in zip(
             MOTIONS, values, (*map(abs, stated[:2]), stated[2]), strict=True

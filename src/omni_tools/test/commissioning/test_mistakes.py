@@ -60,7 +60,7 @@ def test_the_report_has_the_ratio_of_each_sensor(
 
 
 @pytest.mark.parametrize("given", [{"forward": 1e-300}, {"turn": 0.0}, {"distance": -1e-9}])
-def test_a_motion_of_no_length_is_refused(given: dict[str, float]) -> None:
+def test_a_motion_of_no_length_is_refused(given: dict[str, Any]) -> None:
     with pytest.raises(ConfigurationError, match=r"is no motion, must be at least 0\.001"):
         command.Options(recording=Path("drive"), vehicle="mecanum_forklift", **given)
 
