@@ -447,4 +447,4 @@ def _type_in_words(kind: type) -> str:
         bool: "true or false", int: "a whole number", float: "a number", str: "a text",
         list: "a list", dict: "a mapping", type(None): "nothing",
     }  # fmt: skip
-    return words.get(kind, kind.__name__)
+    return words.get(kind, f"a {kind.__name__}")

@@ -111,9 +111,9 @@ def add_options(parser: argparse.ArgumentParser, cls: type[configuration.Configu
 
 
 def _converted(kind: type[Any], word: str) -> Any:
-    """Return a word as a value; if it is none, the word, which the configuration then refuses."""
+    """Return a word as a value; if it is none, the word, which is then refused."""
     try:
-        return kind(word)
+        return kind(word) if word else word  # an empty path would be the working directory
     except ValueError:
         return word
 
@@ -152,6 +152,11 @@ def read_options(cls: type[C], parsed: argparse.Namespace) -> C:
         for name, value in vars(parsed).items()
         if name in {name for name, _, _ in configuration.declared_parameters(cls)}
     }
+    for field in dataclasses.fields(cls):
+        value = given.get(field.name)
+        if value == "" != field.default or (isinstance(value, tuple) and "" in value):
+            problem = "is empty, perhaps the value of an unset variable; give a value"
+            raise configuration.ConfigurationError(option_of(cls, field.name), problem)
     try:
         return cls(**given)
     except configuration.ConfigurationError as error:

@@ -70,6 +70,19 @@ def test_what_does_not_fit_is_refused_by_its_option(words: str, message: str) ->
         parse_options(Options, ["a", *words.split()])
 
 
+@pytest.mark.parametrize("words", [[""], ["a", "--pairs="], ["a", "--ground", "cork", "--ground="]])
+def test_an_empty_text_is_no_folder_and_no_name(words: list[str]) -> None:
+    with pytest.raises(ConfigurationError, match=r"^(BAG|--pairs|--ground): is empty"):
+        parse_options(Options, words)
+
+
+def test_an_empty_default_may_be_given() -> None:
+    class Named(CommandOptions):
+        namespace: str = option("", description="namespace")
+
+    assert parse_options(Named, ["--namespace", ""]) == Named()
+
+
 @pytest.mark.parametrize("words", [[], ["a", "--par", "1"]])
 def test_what_is_no_option_is_refused(words: list[str]) -> None:
     with pytest.raises(SystemExit):

@@ -317,7 +317,8 @@ def brake_adapter(assistant: BrakeAssistConfiguration, brakes: str) -> BrakeAdap
     brake, needed = assistant.brake, BRAKES[brakes].typical["kind"]
     if brake.kind != needed:
         problem = f"{brakes} brakes need brake_assist.brake.kind {needed}, but it is {brake.kind}"
-        raise ConfigurationError("--brakes", problem)
+        remedy = "correct it, or brake.kind in the file of the vehicle"
+        raise ConfigurationError("--brakes", f"{problem}: {remedy}")
     if BRAKES[brakes].is_coil and assistant.minimum_dwell_time == 0.0:
         problem = "is 0, must be the shortest time between two switching operations of the coils"
         raise ConfigurationError("brake_assist.minimum_dwell_time", problem)

@@ -33,6 +33,9 @@ if TYPE_CHECKING:
 
 WORK = "checking the vehicle"
 _LIVE = Path("live")
+_SHORTEST = 1e-3
+"""Smallest measured distance [m] or angle [deg]; a kilometer per meter is the largest mistake of a
+unit."""
 
 
 class Options(CommandOptions):
@@ -69,8 +72,10 @@ class Options(CommandOptions):
         """Check that every motion has a distance or an angle."""
         super().check_consistency()
         for name in ("distance", "angle", "forward", "left", "turn"):
-            if getattr(self, name) == 0.0:
-                raise ConfigurationError(f"--{name}", "must not be 0")
+            value = getattr(self, name)
+            if value is not None and abs(value) < _SHORTEST:
+                problem = f"{value:g} is no motion, must be at least {_SHORTEST:g} in magnitude"
+                raise ConfigurationError(f"--{name}", problem)
 
     @property
     def motions(self) -> tuple[float, float, float]:
@@ -108,6 +113,7 @@ def run(options: Options, workspace: ExperimentWorkspace) -> Report:
         text = yaml.safe_dump(changed, sort_keys=False, default_flow_style=None)
         files.append(write_text(path, head + text))
     angles = _angles(tuple(vehicle.wheels), motions, found.predicted)
+    sensors = _sensors(motions, options.motions)
     return Report(
         metrics={"mistakes.all": {"value": len(found.mistakes), "unit": "1"}},
         details={
@@ -115,10 +121,11 @@ def run(options: Options, workspace: ExperimentWorkspace) -> Report:
             "undecided": _undecided(found),
             "remarks": [{"name": one.name, "remedy": one.remedy} for one in found.remarks],
             "angles": angles,
+            "sensors": sensors,
             "undistinguished": undistinguished,
             "unchecked": missing,
         },
-        text=[_angle_table(angles), *_words(found)],
+        text=[_table([*angles, *sensors]), *_words(found)],
         hints=[
             *(
                 f"not checked, because {topic} lacks values: {what}"
@@ -174,13 +181,39 @@ def _angles(
     return rows
 
 
-def _angle_table(angles: Sequence[Mapping[str, Any]]) -> WrappedTable:
-    numbers = {
-        "measured [rad]": [f"{row['measured']:.2f}" for row in angles],
-        "predicted [rad]": [f"{row['predicted']:.2f}" for row in angles],
-        "ratio": ["" if row["ratio"] is None else f"{row['ratio']:.3f}" for row in angles],
+def _sensors(motions: "Motions", stated: Sequence[float]) -> list[dict[str, Any]]:
+    """Return measured and stated distance [m] or rotation [rad] of each sensor, and their ratio."""
+    from omni_tools.commissioning.signals import MOTIONS
+
+    forward, left = (math.hypot(*motions.twist[motion, :2]) for motion in (0, 1))
+    measured = {
+        "twist sensor": (forward, left, float(motions.twist[2, 2])),
+        "gyro": (math.nan, math.nan, float(motions.gyro[2])),
     }
-    return WrappedTable({key: [row[key] for row in angles] for key in ("motion", "wheel")}, numbers)
+    rows: list[dict[str, Any]] = []
+    for sensor, values in measured.items():
+        for motion, value, one in zip(
+            MOTIONS, values, (*map(abs, stated[:2]), stated[2]), strict=True
+        ):
+            row = {"sensor": sensor, "motion": motion, "measured": value, "predicted": one}
+            unit = "rad" if motion == MOTIONS[2] else "m"
+            rows.append({**row, "ratio": value / one, "unit": unit})
+    return [row for row in rows if math.isfinite(row["measured"])]
+
+
+def _table(rows: Sequence[Mapping[str, Any]]) -> WrappedTable:
+    """Return a table of measured and predicted motions of wheels and sensors."""
+    names = {
+        "motion": [row["motion"] for row in rows],
+        "wheel, sensor": [row.get("wheel") or row["sensor"] for row in rows],
+        "unit": [row["unit"] for row in rows],
+    }
+    numbers = {
+        "measured": [f"{row['measured']:.2f}" for row in rows],
+        "predicted": [f"{row['predicted']:.2f}" for row in rows],
+        "ratio": ["" if row["ratio"] is None else f"{row['ratio']:.3f}" for row in rows],
+    }
+    return WrappedTable(names, numbers)
 
 
 def _signals(

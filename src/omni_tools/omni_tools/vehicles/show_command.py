@@ -85,7 +85,8 @@ def _find(options: Options, workspace: ExperimentWorkspace) -> tuple[str, Path]:
         raise configuration.ConfigurationError(
             "NAME",
             f"{options.name!r} is not known"
-            f"{configuration.did_you_mean(options.name, known) or ';'} ./omni list shows all names",
+            f"{configuration.did_you_mean(options.name, known) or ';'} ./omni list shows all names,"
+            " or give a path that ends in .yaml",
         )
     for kind, _ in found[1:]:
         workspace.note(f"--kind {kind} shows the other item of this name")

@@ -20,6 +20,8 @@ from omni_core.geometry import WheelMount
 from omni_core.kinematics import PlatformKinematics
 from omni_runs.experiment import ExperimentLibrary
 from omni_runs.recorded_run import Stream
+from omni_runs.workspace import ExperimentWorkspace
+from omni_tools.commissioning import command
 from omni_tools.commissioning.causes import Stated
 from omni_tools.commissioning.mistakes import (
     corrected,
@@ -37,6 +39,30 @@ def forklift() -> tuple[Wheels, Signals, tuple[float, float]]:
 @pytest.mark.parametrize("vehicle", ["mecanum_forklift", "six_wheel_mecanum", "three_wheel_robot"])
 def test_nothing_is_found_where_nothing_is_wrong(vehicle: str) -> None:
     assert found(*drive(vehicle), described(vehicle)) == []
+
+
+def test_the_report_has_the_ratio_of_each_sensor(
+    forklift: tuple[Wheels, Signals, tuple[float, float]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    _, signals, (distance, angle) = forklift
+    given = signals._replace(twist=signals.twist * (1.02, 1.02, 1.04))  # within the tolerances
+    monkeypatch.setattr(command, "_signals", lambda *_: given)
+    options = command.Options(
+        recording=Path("drive"),
+        vehicle="mecanum_forklift",
+        distance=distance,
+        angle=math.degrees(angle),
+    )
+    report = command.run(options, ExperimentWorkspace(CONFIG.parent))
+    ratios = [row["ratio"] for row in report.document["sensors"]]
+    assert ratios == pytest.approx([1.02, 1.02, 1.04, 1.0], abs=0.015)
+    assert report.ok
+
+
+@pytest.mark.parametrize("given", [{"forward": 1e-300}, {"turn": 0.0}, {"distance": -1e-9}])
+def test_a_motion_of_no_length_is_refused(given: dict[str, Any]) -> None:
+    with pytest.raises(ConfigurationError, match=r"is no motion, must be at least 0\.001"):
+        command.Options(recording=Path("drive"), vehicle="mecanum_forklift", **given)
 
 
 FORKLIFT = ("rear_left", "front_left", "front_right", "rear_right")
