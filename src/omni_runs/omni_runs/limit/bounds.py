@@ -24,9 +24,7 @@ ground of the largest friction.
 `limit_share` compares the bound with a recorded stop.
 """
 
-import functools
 import math
-from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -84,23 +82,45 @@ def maneuver_of(configuration: ManeuverConfiguration) -> Maneuver:
     return Maneuver(pose + moved, twist, pedal, ramp_time, time)
 
 
-def bound_of_kind(
-    kind: type[stop_kinds.StraightStops],
+def straight_bound(
     vehicle: VehicleConfiguration,
     ground: GroundConfiguration,
     maneuver: Maneuver,
     run: float = 0.0,
 ) -> Bound:
-    """Return the lower bound of the distance of the stops that a class admits.
+    """Return the lower bound of the distance of stops that keep heading and line of motion.
 
     Args:
-        kind: class of the stops.
         vehicle: the vehicle.
         ground: ground under the vehicle.
         maneuver: motion at the start of braking.
         run: distance of a stop that is compared with the bound [m]; the tolerance is only computed
             for a shorter stop, otherwise it is NaN.
     """
+    return _kept(stop_kinds.StraightStops, vehicle, ground, maneuver, run)
+
+
+def heading_bound(
+    vehicle: VehicleConfiguration,
+    ground: GroundConfiguration,
+    maneuver: Maneuver,
+    run: float = 0.0,
+) -> Bound:
+    """Return the lower bound of the path length of stops that keep the heading, on any path.
+
+    The arguments are those of `straight_bound`.
+    """
+    return _kept(stop_kinds.HeadingStops, vehicle, ground, maneuver, run)
+
+
+def _kept(
+    kind: type[stop_kinds.StraightStops],
+    vehicle: VehicleConfiguration,
+    ground: GroundConfiguration,
+    maneuver: Maneuver,
+    run: float,
+) -> Bound:
+    """Return the lower bound of the distance of the stops that a class admits."""
     if reason := _left_out(vehicle, ground):
         return Bound(math.nan, reason=reason)
     speed = math.hypot(maneuver.twist[0], maneuver.twist[1])
@@ -130,23 +150,12 @@ def bound_of_kind(
     return Bound(distance, gap, tolerance)
 
 
-straight_bound: Callable[..., Bound] = functools.partial(bound_of_kind, stop_kinds.StraightStops)
-"""Return the lower bound of the distance of stops that keep heading and line of motion.
-
-The arguments are those of `bound_of_kind` after the kind."""
-
-heading_bound: Callable[..., Bound] = functools.partial(bound_of_kind, stop_kinds.HeadingStops)
-"""Return the lower bound of the path length of stops that keep the heading, on any path.
-
-The arguments are those of `bound_of_kind` after the kind."""
-
-
 def any_heading_bound(
     vehicle: VehicleConfiguration, ground: GroundConfiguration, maneuver: Maneuver
 ) -> Bound:
     """Return the lower bound of the path length of the center of gravity in any stop.
 
-    The arguments are those of `bound_of_kind`.
+    The arguments are those of `straight_bound`.
     """
     if reason := _left_out(vehicle, ground):
         return Bound(math.nan, reason=reason)
