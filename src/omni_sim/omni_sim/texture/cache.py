@@ -17,8 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omni_core.configuration import to_mapping
+from omni_core.files import user_folder
 from omni_sim.texture import texture as ground
-from omni_sim.texture.configuration import PICTURE, TextureConfiguration, cache_folder
+from omni_sim.texture.configuration import PICTURE, TextureConfiguration
 from omni_sim.texture.picture import read_picture
 
 
@@ -39,8 +40,13 @@ class TextureCache:
 
     @classmethod
     def of_user(cls) -> TextureCache:
-        """Return the cache in the folder that all workspaces of the user share."""
-        return cls(cache_folder())
+        """Return the cache that all workspaces of the user share, if its folder can be written.
+
+        Otherwise, the cache is in the folder of the workspace's caches.
+        """
+        bases = (os.environ.get("XDG_CACHE_HOME") or "~/.cache", os.environ.get("OMNI_CACHE_DIR"))
+        wanted = [Path(base, "omni_sim", "textures") for base in bases if base]
+        return cls(user_folder("omni_sim", *wanted))
 
     def texture(self, configuration: TextureConfiguration) -> ground.GroundTexture:
         """Return a texture, from the cache if possible; a picture is read from its own file.
