@@ -155,7 +155,6 @@ class Simulator:
         friction = FrictionMap(ground.friction, ground.patches)
         step, start = simulation.physics_step, (self._driver.start_pose, self._driver.start_twist)
         self.vehicle = build_vehicle(vehicle, friction, step, *start, ground.elevation)
-        self._steering = self.vehicle.steering[0]  # angles at the last stamp [rad], shape (N,)
         self._sprung = vehicle.suspension.stiffness > 0.0
         tire = vehicle.tire
         self.overload = Overload(self.vehicle.wheel_names, tire.model, tire.largest_load, step)
@@ -195,7 +194,7 @@ class Simulator:
             step_ns = self.control_period_ns / self._steps
             blurred = configuration.camera.exposure_time > 0.0
             self._lines = batches.LineExposures(cameras, step_ns, blurred=blurred)
-        self._batches = self._expose(motion, -1)
+        self._batches = self._expose(motion, -1, self.vehicle.steering[0])
 
     def observe(self) -> Observation:
         """Return state and measurements at the present stamp; repeated calls give equal results."""
@@ -237,7 +236,7 @@ class Simulator:
         if self.configuration.vehicle.fork.time:
             self.vehicle.lift(start_ns * 1e-9)
         ride = self.vehicle.ride if self._sprung else None
-        self._steering = self.vehicle.steering[0]
+        steering = self.vehicle.steering[0]
         pedal, command = self._driver.demand(start_ns, float(self.vehicle.pose[2]))
         trajectory = self.vehicle.advance(
             self._steps,
@@ -257,10 +256,10 @@ class Simulator:
             period = self.configuration.simulation.control_period
             trajectory = swaying(trajectory, ride, self.vehicle.ride, height, period)
         self._flows = self._flow_sensors.measure(self._stamp_ns, trajectory)
-        self._batches = self._expose(trajectory, start_ns)
+        self._batches = self._expose(trajectory, start_ns, steering)
 
     def _expose(
-        self, trajectory: quantities.FloatArray, start_ns: int
+        self, trajectory: quantities.FloatArray, start_ns: int, before: quantities.FloatArray
     ) -> Mapping[str, signals.LineBatch]:
         """Return the lines that each camera exposes between a start time and the present stamp.
 
@@ -268,10 +267,11 @@ class Simulator:
             trajectory: x, y, yaw of base_link [m, m, rad] and their time derivatives in the world
                 frame, from the start time to the present stamp, shape (n + 1, 6).
             start_ns: start time [ns], not included; -1 to include the line at time 0.
+            before: steering angles at the start time [rad], shape (N,).
         """
         if self._lines is None:
             return {}
-        angles = zip(self._steering.tolist(), self.vehicle.steering[0].tolist(), strict=True)
+        angles = zip(before.tolist(), self.vehicle.steering[0].tolist(), strict=True)
         steering = dict(zip(self.vehicle.wheel_names, angles, strict=True))
         return self._lines.expose(
             trajectory, start_ns, self._stamp_ns, steering, self.vehicle.clearance
