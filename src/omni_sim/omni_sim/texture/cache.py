@@ -9,7 +9,6 @@ import contextlib
 import hashlib
 import json
 import os
-import tempfile
 import zipfile
 from pathlib import Path
 
@@ -17,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omni_core.configuration import to_mapping
-from omni_core.files import user_folder
+from omni_core.files import replaced, user_folder
 from omni_sim.texture import texture as ground
 from omni_sim.texture.configuration import PICTURE, TextureConfiguration
 from omni_sim.texture.picture import read_picture
@@ -63,7 +62,9 @@ class TextureCache:
             return ground.GroundTexture(gray, size)
         texture = ground.generate_texture(configuration)
         with contextlib.suppress(OSError):
-            _write(path, texture.gray)
+            path.parent.mkdir(parents=True, exist_ok=True)
+            with replaced(path) as new, new.open("wb") as file:
+                np.savez(file, gray=texture.gray)
         return texture
 
     def path(self, configuration: TextureConfiguration) -> Path:
@@ -85,16 +86,3 @@ def _read(path: Path, texels: int) -> NDArray[np.uint8] | None:
     except (OSError, ValueError, EOFError, KeyError, zipfile.BadZipFile):
         return None
     return gray if gray.shape == (texels, texels) and gray.dtype == np.uint8 else None
-
-
-def _write(path: Path, gray: NDArray[np.uint8]) -> None:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    handle, temporary = tempfile.mkstemp(prefix=path.name, suffix=".part", dir=path.parent)
-    try:
-        with os.fdopen(handle, "wb") as file:
-            np.savez(file, gray=gray)
-        os.replace(temporary, path)
-    except BaseException:
-        with contextlib.suppress(OSError):
-            os.unlink(temporary)
-        raise
