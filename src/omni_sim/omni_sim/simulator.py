@@ -239,11 +239,7 @@ class Simulator:
         steering = self.vehicle.steering[0]
         pedal, command = self._driver.demand(start_ns, float(self.vehicle.pose[2]))
         trajectory = self.vehicle.advance(
-            self._steps,
-            pedal,
-            brake_enable,
-            command,
-            hold_world_direction=self._hold_world,
+            self._steps, pedal, brake_enable, command, hold_world_direction=self._hold_world
         )
         if self.configuration.imu.rate > 0.0:
             self._sensors.path = trajectory[1:]
