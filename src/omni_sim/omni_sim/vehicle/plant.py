@@ -34,10 +34,8 @@ def build_state(
         physics_step: length of a step [s].
         elevation: elevation of the ground.
     """
-    brake, n = configuration.brake, len(configuration.wheels)
+    n = len(configuration.wheels)
     plant, losses = _losses(configuration, _plant(configuration, friction, physics_step))
-    lag = brake.time_constant, brake.dead_time
-    valves = brake.pressure_step, brake.release_time
     return state.State(
         plant=plant,
         terrain=elevation.terrain,
@@ -49,7 +47,7 @@ def build_state(
         treads=_treads(configuration, plant),
         wheels=np.zeros(n, state.WHEEL),
         counters=np.zeros(1, state.COUNTERS),
-        pressure=build_brake_pressure(*lag, n, physics_step, *valves),
+        pressure=build_brake_pressure(configuration.brake, n, physics_step),
         loads=np.empty(n),
     )
 
