@@ -136,12 +136,9 @@ class LineScanOdometry:
                 unknown[name] = SensorReading.unmeasured(f"no steering angle of {sensor.carrier}")
             turned[name] = turned_mount(sensor, angle) if sensor.carrier else sensor
             carried += carried_velocity(turned[name], rate)
-        minimum_lever, kinematics = (
-            self._configuration.minimum_lever,
-            self._configuration.kinematics,
-        )
+        given = self._configuration
         try:
-            self._solver = TwistSolver(turned, minimum_lever, kinematics)
+            self._solver = TwistSolver(turned, given.minimum_lever, given.kinematics)
         except ConfigurationError as error:  # at this angle, the sensors do not suffice
             words = f"steered: {error.problem}"
             return {name: SensorReading.unmeasured(words) for name in readings}
