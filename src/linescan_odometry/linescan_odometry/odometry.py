@@ -6,7 +6,6 @@ lags by half the duration of a batch. At 100 batches per second the lag is 5 ms,
 of 0.05 m/s at an acceleration of 10 m/s^2.
 """
 
-import dataclasses
 import math
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -19,7 +18,7 @@ from linescan_odometry.keyframe import Keyframe
 from linescan_odometry.measurements import FlowReading, SensorReading, TwistEstimate
 from linescan_odometry.sensor import SensorOdometry
 from linescan_odometry.twist.flow import FlowMonitor
-from linescan_odometry.twist.least_squares import TwistSolver
+from linescan_odometry.twist.least_squares import UNKNOWNS, Solution, TwistSolver
 from linescan_odometry.unsuitable_views import UnsuitableViews
 from omni_core.configuration import ConfigurationError
 from omni_core.quantities import FloatArray
@@ -28,40 +27,7 @@ from omni_core.signals import Flow, LineBatch, LineBatchError
 
 __all__ = ["LineBatch", "LineScanOdometry", "OdometryConfiguration", "TwistEstimate"]
 
-_UNKNOWNS = 3  # components of the twist
 _EARLIEST_NS = 500_000_000  # ns; limit on the time by which a camera may be ahead of the others
-_MINIMUM_VARIANCE = 1e-12  # m^2/s^2; keeps the weights finite for noise-free lines
-_SMALLEST_SHARE = 1e-9  # smallest ratio of two variances; below it, a weight is lost to rounding
-
-
-@dataclasses.dataclass(frozen=True)
-class _Solution:
-    """A twist, and the data from which it was estimated.
-
-    An axle without sideways slip (kinematic constraint) can replace a sensor.
-
-    Attributes:
-        twist: (v_x, v_y [m/s], yaw rate [rad/s]), shape (3,).
-        covariance: covariance of the twist in the squares of its units, shape (3, 3).
-        measured: whether each of the S sensors (cameras, then flow sensors) was used; then whether
-            the axle was used, if there is one.
-        count: number of velocities that were used.
-        assumed: whether the axle was used.
-        scores: normalized residual of each sensor, and of the axle [1], shape (S,) or (S + 1,).
-        leverage: largest possible effect of one faulty velocity [1]: squared error of the twist,
-            normalized by the covariance, divided by the squared score of the velocity.
-        last_variance: variance of the last velocity in the order of the solver [m^2/s^2]: of the
-            axle, or of the last sensor if there is no axle.
-    """
-
-    twist: FloatArray
-    covariance: FloatArray
-    measured: tuple[bool, ...]
-    count: int
-    assumed: bool
-    scores: FloatArray
-    leverage: float
-    last_variance: float
 
 
 class LineScanOdometry:
@@ -83,13 +49,12 @@ class LineScanOdometry:
             }
         except LineBatchError as error:
             raise ConfigurationError("flat_field_tables", str(error)) from None
-        self._axle = configuration.kinematics.axle
         self._flows = {
             name: FlowMonitor(sensor, configuration.maximum_acceleration)
             for name, sensor in configuration.flow_sensors.items()
         }
         self._solver = TwistSolver(
-            configuration.all_sensors, configuration.minimum_lever, self._axle
+            configuration.all_sensors, configuration.minimum_lever, configuration.kinematics
         )
         # Views are compared with the twist only for cameras that are fixed to the body.
         watched = configuration.sensors if configuration.cover_detection else {}
@@ -171,9 +136,9 @@ class LineScanOdometry:
                 unknown[name] = SensorReading.unmeasured(f"no steering angle of {sensor.carrier}")
             turned[name] = turned_mount(sensor, angle) if sensor.carrier else sensor
             carried += carried_velocity(turned[name], rate)
-        minimum_lever = self._configuration.minimum_lever
+        given = self._configuration
         try:
-            self._solver = TwistSolver(turned, minimum_lever, self._axle)
+            self._solver = TwistSolver(turned, given.minimum_lever, given.kinematics)
         except ConfigurationError as error:  # at this angle, the sensors do not suffice
             words = f"steered: {error.problem}"
             return {name: SensorReading.unmeasured(words) for name in readings}
@@ -263,7 +228,7 @@ class LineScanOdometry:
 
     def _solve(
         self, readings: Mapping[str, SensorReading], flows: Mapping[str, FlowReading]
-    ) -> _Solution | None:
+    ) -> Solution | None:
         """Return the twist estimated from all valid readings; None if they do not determine it."""
         each: list[SensorReading | FlowReading] = [*readings.values(), *flows.values()]
         measured = tuple(reading.measured for reading in each)
@@ -271,41 +236,17 @@ class LineScanOdometry:
         variance = np.array([r.variance for r in readings.values()])
         if flows:
             velocity = np.concatenate([velocity, *(f.velocity for f in flows.values())])
-            of_flows = (np.diag(f.covariance) for f in flows.values())
-            variance = np.concatenate([variance, *of_flows])
+            variance = np.diag(np.append(variance, np.zeros(2 * len(flows))))
+            for first, flow in zip(
+                range(len(readings), len(velocity), 2), flows.values(), strict=True
+            ):
+                variance[first : first + 2, first : first + 2] = flow.covariance
         if self._carried.size:
             velocity = velocity - self._carried
-        used = self._solver.rows(measured)
-        largest = float(np.max(variance, where=used, initial=0.0))
-        variance = np.maximum(variance, max(_SMALLEST_SHARE * largest, _MINIMUM_VARIANCE))
-        assumed = False
-        if self._axle is not None:
-            speed = float(np.max(np.abs(velocity), where=used, initial=0.0))
-            velocity = np.append(velocity, 0.0)
-            variance = np.append(variance, self._configuration.kinematics.variance(speed))
-            # The axle is used only if the sensors alone do not determine the twist.
-            assumed = bool(self._solver.problem((*measured, False)))
-            measured = (*measured, assumed)
-        if self._solver.problem(measured):
-            return None
-        last_variance = float(variance[-1])
-        if flows:
-            variance = np.diag(variance)
-            places = self._solver.places[len(readings) :]
-            for place, flow in zip(places, flows.values(), strict=True):
-                for i, j in ((0, 1), (1, 0)):
-                    variance[place.start + i, place.start + j] = flow.covariance[i, j]
-        twist, covariance = self._solver.solve(velocity, variance, measured)
-        scores, leverage = np.zeros(len(measured)), 1.0
-        count = int(np.count_nonzero(self._solver.rows(measured)))
-        if count > _UNKNOWNS and self._configuration.contradiction_limit > 0.0:
-            scores = self._solver.contradictions(velocity, variance, measured, twist, covariance)
-            leverage = max(leverage, self._solver.leverage(variance, measured, covariance))
-        return _Solution(
-            twist, covariance, measured, count, assumed, scores, leverage, last_variance
-        )
+        limit = self._configuration.contradiction_limit
+        return self._solver.estimate(velocity, variance, measured, limit)
 
-    def _contradicting(self, solution: _Solution, names: Sequence[str]) -> tuple[str, str] | None:
+    def _contradicting(self, solution: Solution, names: Sequence[str]) -> tuple[str, str] | None:
         """Return the name of a faulty sensor and a description of its contradiction.
 
         The sensor is the one with the largest residual.
@@ -323,7 +264,7 @@ class LineScanOdometry:
         score = float(solution.scores[worst])
         others = tuple(use and i != worst for i, use in enumerate(solution.measured))
         count = int(np.count_nonzero(self._solver.rows(others)))
-        too_few = count <= _UNKNOWNS or bool(self._solver.problem(others))
+        too_few = count <= UNKNOWNS or bool(self._solver.problem(others))
         if not score > limit > 0.0 or too_few:
             return None
         if self._flows:
@@ -336,7 +277,7 @@ class LineScanOdometry:
 
     def _checked(
         self,
-        solution: _Solution,
+        solution: Solution,
         readings: Mapping[str, SensorReading],
         flows: Mapping[str, FlowReading],
     ) -> TwistEstimate:
@@ -352,9 +293,10 @@ class LineScanOdometry:
         inflation = solution.leverage * score**2 if score > limit > 0.0 else 1.0
         covariance = solution.covariance * inflation
         skid = ""
-        if self._axle is not None and not solution.assumed:
-            skid = self._skid(self._axle, solution.twist, covariance, solution.last_variance)
-            if skid and solution.count == _UNKNOWNS:
+        axle = self._configuration.kinematics.axle
+        if axle is not None and not solution.assumed:
+            skid = self._skid(axle, solution.twist, covariance, solution.last_variance)
+            if skid and solution.count == UNKNOWNS:
                 skid += "; or one of the three sensors is faulty"
         return TwistEstimate(
             self._stamp_ns,

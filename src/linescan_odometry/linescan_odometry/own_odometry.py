@@ -1,7 +1,5 @@
 """Interface of an odometry estimator, and import of the user's own."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any, Protocol
 

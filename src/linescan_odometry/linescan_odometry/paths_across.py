@@ -31,11 +31,6 @@ class PathsAcross:
         self.stamps: list[int] = []
         self._paths: list[FloatArray] = []  # distance across each axis [m]
 
-    def clear(self) -> None:
-        """Discard all velocities."""
-        self.stamps.clear()
-        self._paths.clear()
-
     def append(self, stamp_ns: int, across: Mapping[str, float]) -> None:
         """Store velocities, and integrate them since the stamp before.
 
@@ -44,7 +39,8 @@ class PathsAcross:
             across: velocity of each camera across its axis [m/s].
         """
         if self.stamps and not 0 < stamp_ns - self.stamps[-1] < GAP_NS:
-            self.clear()
+            self.stamps.clear()
+            self._paths.clear()
         path = np.zeros(len(self._names))
         if self.stamps:
             elapsed = 1e-9 * (stamp_ns - self.stamps[-1])

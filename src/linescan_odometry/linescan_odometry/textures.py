@@ -41,10 +41,6 @@ class Textures:
         # Stamps [ns] at which textures were decided to be ordinary or oblique, and the decisions.
         self._textures: dict[str, tuple[int, str]] = {}
 
-    def reset(self) -> None:
-        """Discard all decisions."""
-        self._textures.clear()
-
     @property
     def decided(self) -> frozenset[str]:
         """Names of the cameras whose textures were decided to be ordinary or oblique."""

@@ -65,14 +65,12 @@ class UnsuitableViews:
             )
             for name, s in sensors.items()
         }
-        self._paths = PathsAcross(sensors)
-        self._textures = Textures(sensors, self._paths)
         self._start_anew()
 
     def _start_anew(self) -> None:
-        self._paths.clear()
+        self._paths = PathsAcross(self._sensors)
+        self._textures = Textures(self._sensors, self._paths)
         self._covered: dict[str, str] = {}
-        self._textures.reset()
         self._alone: set[str] = set()  # covered cameras that stopped while others moved on
         self._static_ns: dict[str, int] = {}  # stamps at which views last were constant [ns]
         self._twists: list[_Motion] = []  # those of the last `GAP_NS`, and the last one

@@ -1,12 +1,13 @@
 """Text files and tables that a user names, and folders in which the user can write."""
 
+import contextlib
 import csv
 import errno
 import math
 import os
 import stat
 import tempfile
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -32,6 +33,23 @@ def read_text(path: Path, encoding: str = "utf-8-sig") -> str:
         name = error.encoding.upper()
         problem = f"not text in {name} (byte {error.start + 1}): save it in this encoding"
         raise ValueError(problem) from None
+
+
+@contextlib.contextmanager
+def replaced(path: Path) -> Iterator[Path]:
+    """Replace a file atomically by one that is written in the ``with`` block.
+
+    Other processes see the old file or the complete new one. After an error, the old file is kept.
+
+    Yields:
+        Path of the new file, in the same folder.
+    """
+    incomplete = path.with_name(f".{path.name}.{os.getpid()}")
+    try:
+        yield incomplete
+        incomplete.replace(path)
+    finally:
+        incomplete.unlink(missing_ok=True)
 
 
 def read_columns(

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from omni_core.files import read_columns, read_text, user_folder
+from omni_core.files import read_columns, read_text, replaced, user_folder
 
 
 @pytest.fixture(autouse=True)
@@ -49,6 +49,17 @@ def test_what_another_user_has_made_is_not_used(
 def test_the_first_usable_folder_is_used(temporary: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("HOME", str(temporary / "home"))
     assert user_folder("logs", "/dev/null/logs", "~/a/b", "~/c") == temporary / "home" / "a" / "b"
+
+
+def test_a_file_is_replaced_as_a_whole_or_not_at_all(temporary: Path) -> None:
+    path = temporary / "file"
+    with replaced(path) as new:
+        new.write_text("old")
+        assert not path.exists()
+    with pytest.raises(UnicodeEncodeError), replaced(path) as new:
+        new.write_text("\udcff", encoding="utf-8")
+    assert path.read_text() == "old"
+    assert list(temporary.iterdir()) == [path]
 
 
 UNITS = {"slip": "1", "load": "N", "force": "N"}

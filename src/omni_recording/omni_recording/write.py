@@ -20,6 +20,7 @@ from typing import Any
 from mcap.writer import MCAP0_MAGIC, CompressionType, IndexType, Writer
 
 from omni_core.configuration import WorkError
+from omni_core.files import replaced
 from omni_recording import metadata
 from omni_recording.safe_yaml import in_yaml
 
@@ -251,15 +252,11 @@ class Rosbag2Writer:
 
     def _write_metadata(self) -> None:
         """Replace metadata.yaml atomically."""
-        temporary = self._folder / "metadata.yaml.tmp"
-        try:
-            with temporary.open("w", encoding="utf-8") as file:
-                file.write(in_yaml({"rosbag2_bagfile_information": self._information()}))
-                file.flush()
-                self._synchronize_file(file.fileno())
-            temporary.replace(self._folder / "metadata.yaml")
-        finally:
-            temporary.unlink(missing_ok=True)
+        path = self._folder / "metadata.yaml"
+        with replaced(path) as new, new.open("w", encoding="utf-8") as file:
+            file.write(in_yaml({"rosbag2_bagfile_information": self._information()}))
+            file.flush()
+            self._synchronize_file(file.fileno())
         if self._synchronize:  # makes the new name durable
             folder = os.open(self._folder, os.O_RDONLY)
             try:

@@ -198,7 +198,7 @@ def _loop(configuration: ExperimentConfiguration, driver: ScriptedDriver, push: 
         or bool(configuration.faults)
         or configuration.brake_assist.law != "sliding_mode",
         enabled=configuration.brake_assist.enabled,
-        end=run_progress.run_end(simulation, configuration.maneuver.earliest_end),
+        end=run_progress.run_end(configuration),
     )
 
 

@@ -32,10 +32,12 @@ import numpy as np
 
 from omni_core.kernels import by_reference, kernel, lean
 from omni_core.quantities import GRAVITY, SECOND_NS, FloatArray, IntArray
+from omni_core.signals import ImuSample
 from omni_sim import faults as sensor_faults
 from omni_sim.configuration import SimulatorConfiguration
 from omni_sim.sensor_configuration import EncoderConfiguration, ImuConfiguration
-from omni_sim.vehicle.state import Structured
+from omni_sim.vehicle.state import State, Structured
+from omni_sim.velocity_sensor import VelocitySensor
 
 IMU_DRAWS = 3
 """Number of standard normal values that a reading needs."""
@@ -185,6 +187,76 @@ def build_instruments(configuration: SimulatorConfiguration) -> Instruments:
         ),
         2 * (IMU_DRAWS * imu.most + wheels) + 3,
     )
+
+
+class Sensors:
+    """Velocity sensor, IMU and encoders of a vehicle, which are read once per control stamp.
+
+    Attributes:
+        path: motion since the last stamp, `Truth.path`; changed by the owner if the IMU has a rate
+            of its own.
+        twist: last reading of the velocity sensor.
+        imu: IMU readings between the last two stamps; NaN if the vehicle has no IMU.
+        wheel_speed: last readings of the encoders [rad/s], shape (N,).
+    """
+
+    def __init__(
+        self,
+        configuration: SimulatorConfiguration,
+        velocity_seed: np.random.SeedSequence,
+        instrument_seed: np.random.SeedSequence,
+    ) -> None:
+        """Create sensors that have not been read yet.
+
+        Args:
+            configuration: configuration of the simulator.
+            velocity_seed: seed of the velocity sensor's noise.
+            instrument_seed: seed of the noise of IMU and encoders.
+        """
+        self._velocity = VelocitySensor(
+            configuration.velocity_sensor, np.random.default_rng(velocity_seed)
+        )
+        self._instruments = build_instruments(configuration)
+        self._noise = np.random.default_rng(instrument_seed)
+        self._period_ns = configuration.simulation.control_period_ns
+        self._step_ns = self._period_ns / configuration.simulation.steps_per_period
+        self._stamp_ns = -1
+        self.path: FloatArray = np.zeros((1, 6))
+
+    def measure(self, stamp_ns: int, motion: FloatArray, state: State) -> None:
+        """Read all sensors, unless they have already been read at this stamp.
+
+        Args:
+            stamp_ns: time since the start of the run [ns].
+            motion: pose and twist of the vehicle, `Vehicle.motion`.
+            state: state of the vehicle.
+        """
+        if self._stamp_ns == stamp_ns:
+            return
+        self._stamp_ns = stamp_ns
+        instruments = self._instruments
+        self.twist = self._velocity.measure(stamp_ns, motion[3:])
+        self.wheel_speed: FloatArray = np.empty(len(state.wheels))
+        imu_ns, inertial = (
+            np.empty(instruments.imu.most, np.int64),
+            np.empty((instruments.imu.most, 3)),
+        )
+        if len(self.path) == 1:
+            write_world(motion, self.path[0])
+        step = stamp_ns // self._period_ns
+        tilt = float(state.body["tilt_x"][0]), float(state.body["tilt_y"][0])
+        count = measure(
+            instruments,
+            Truth(step, self._period_ns, self.path, self._step_ns, tilt, state.wheels),
+            self._noise.standard_normal(instruments.draws),
+            Readings(self.twist.value, imu_ns, inertial, self.wheel_speed),
+        )
+        self.imu = tuple(
+            ImuSample(int(taken_ns), float(rate), np.array(force))
+            for taken_ns, (rate, *force) in zip(imu_ns[:count], inertial[:count], strict=True)
+        )
+        # Faults may have changed the reading.
+        self._velocity.state_covariance(self.twist.value, self.twist.covariance)
 
 
 @lean

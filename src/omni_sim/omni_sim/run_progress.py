@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from omni_core.kernels import lean
 from omni_core.quantities import SECOND_NS, FloatArray
-from omni_sim.configuration import SimulationConfiguration, SimulatorConfiguration
+from omni_sim.configuration import SimulatorConfiguration
 from omni_sim.simulator import Observation
 
 _NEWS = 0.01  # smallest change of the completed share that is reported [1]
@@ -37,9 +37,10 @@ class End(NamedTuple):
     earliest: float
 
 
-def run_end(simulation: SimulationConfiguration, earliest: float = 0.0) -> End:
-    """Return the conditions under which a run ends; it does not end before `earliest` [s]."""
-    return End(simulation.rest_speed, simulation.settling_time, simulation.duration_limit, earliest)
+def run_end(configuration: SimulatorConfiguration) -> End:
+    """Return the conditions under which a run ends."""
+    given, earliest = configuration.simulation, configuration.maneuver.earliest_end
+    return End(given.rest_speed, given.settling_time, given.duration_limit, earliest)
 
 
 def rest_memory() -> NDArray[np.void]:
@@ -88,10 +89,9 @@ class RunProgress:
     """
 
     def __init__(self, configuration: SimulatorConfiguration) -> None:
-        maneuver = configuration.maneuver
-        self._end = run_end(configuration.simulation, maneuver.earliest_end)
+        self._end = run_end(configuration)
         self._rest = rest_memory()
-        self._brake_time = maneuver.brake_time
+        self._brake_time = configuration.maneuver.brake_time
         self._time = 0.0
         self._initial_speed = 0.0
         self._speed = 0.0

@@ -10,7 +10,6 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from omni_core import quantities, signals
-from omni_core.geometry import turned
 from omni_sim import flow_sensor, measurement
 from omni_sim.camera import batches
 from omni_sim.camera.camera import LineCameraArray
@@ -20,7 +19,6 @@ from omni_sim.ground.friction import FrictionMap
 from omni_sim.texture.cache import TextureCache
 from omni_sim.vehicle.mujoco_vehicle import build_vehicle
 from omni_sim.vehicle.suspension import swaying
-from omni_sim.velocity_sensor import VelocitySensor
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -157,35 +155,29 @@ class Simulator:
         friction = FrictionMap(ground.friction, ground.patches)
         step, start = simulation.physics_step, (self._driver.start_pose, self._driver.start_twist)
         self.vehicle = build_vehicle(vehicle, friction, step, *start, ground.elevation)
-        self._steering = self.vehicle.steering[0]  # angles at the last stamp [rad], shape (N,)
         self._sprung = vehicle.suspension.stiffness > 0.0
         tire = vehicle.tire
         self.overload = Overload(self.vehicle.wheel_names, tire.model, tire.largest_load, step)
         self.overloaded = self.tipping = False
         # Load the kernel without a step, so that the first real step is as fast as all others.
-        self.vehicle.advance(0, 0.0, np.ones(len(vehicle.wheels)), np.zeros(3))
+        motion = self.vehicle.advance(0, 0.0, np.ones(len(vehicle.wheels)), np.zeros(3))
         self._stamp_ns = 0
-        self._make_sensors(textures)
+        self._make_sensors(textures, motion)
 
-    def _make_sensors(self, textures: TextureCache | None) -> None:
+    def _make_sensors(self, textures: TextureCache | None, motion: quantities.FloatArray) -> None:
+        """Create all sensors.
+
+        Args:
+            textures: source of ground textures; the user's cache by default.
+            motion: motion of the vehicle at the start, from `Vehicle.advance`, shape (1, 6).
+        """
         configuration, simulation = self.configuration, self.configuration.simulation
-        wheels = len(configuration.vehicle.wheels)
         # Each stream is separate, so that an additional random value in one does not change the
         # others.
         sensor_seed, camera_seed, instrument_seed, flow_seed = np.random.SeedSequence(
             configuration.seed
         ).spawn(4)
-        self._velocity_sensor = VelocitySensor(
-            configuration.velocity_sensor, np.random.default_rng(sensor_seed)
-        )
-        self._instruments = measurement.build_instruments(configuration)
-        self._noise = np.random.default_rng(instrument_seed)
-        self._measured_ns = -1
-        self._reading, self._covariance = np.zeros(3), np.zeros((3, 3))
-        most = self._instruments.imu.most
-        self._imu_ns, self._inertial = np.zeros(most, np.int64), np.zeros((most, 3))
-        self._imu: tuple[signals.ImuSample, ...] = ()
-        self._path, self._encoder = np.zeros((1, 6)), np.zeros(wheels)
+        self._sensors = measurement.Sensors(configuration, sensor_seed, instrument_seed)
         self._flow_sensors = flow_sensor.FlowSensorArray(
             configuration.flow_sensors if simulation.render_lines else {},
             configuration.flow,
@@ -194,7 +186,6 @@ class Simulator:
         )
         self._flows = self._flow_sensors.measure(0)
         self._lines: batches.LineExposures | None = None
-        self._batches: Mapping[str, signals.LineBatch] = {}
         if simulation.render_lines and configuration.sensors:
             texture = (textures or TextureCache.of_user()).texture(configuration.ground.texture)
             cameras = LineCameraArray(
@@ -203,11 +194,7 @@ class Simulator:
             step_ns = self.control_period_ns / self._steps
             blurred = configuration.camera.exposure_time > 0.0
             self._lines = batches.LineExposures(cameras, step_ns, blurred=blurred)
-            start = np.zeros((1, 6))
-            start[0, :3] = self._driver.start_pose
-            start[0, 3:] = twist = self._driver.start_twist
-            start[0, 3:5] = turned(twist[:2], start[0, 2])
-            self._batches = self._expose(self._lines, start, -1)
+        self._batches = self._expose(motion, -1, self.vehicle.steering[0])
 
     def observe(self) -> Observation:
         """Return state and measurements at the present stamp; repeated calls give equal results."""
@@ -215,7 +202,7 @@ class Simulator:
         motion, wheels = vehicle.motion, vehicle.state.wheels.copy()
         pose, twist = motion[:3], motion[3:]
         steering_angle, steering_rate = vehicle.steering
-        self._measure(motion)
+        self._sensors.measure(self._stamp_ns, motion, vehicle.state)
         pedal, command = self._driver.demand(self._stamp_ns, float(pose[2]))
         return Observation(
             stamp_ns=self._stamp_ns,
@@ -227,49 +214,15 @@ class Simulator:
             pose=pose,
             attitude=vehicle.attitude,
             twist=twist,
-            velocity_sensor=signals.TwistSample(
-                self._taken_ns, self._reading.copy(), self._covariance.copy()
-            ),
-            imu=self._imu,
+            velocity_sensor=self._sensors.twist,
+            imu=self._sensors.imu,
             steering_angle=steering_angle,
             steering_rate=steering_rate,
-            encoder_speed=self._encoder.copy(),
+            encoder_speed=self._sensors.wheel_speed,
             wheel_force_body=vehicle.wheel_force_body,
             line_batches=self._batches,
             flows=self._flows,
         )
-
-    def _measure(self, motion: quantities.FloatArray) -> None:
-        """Read all sensors except the cameras, once per stamp.
-
-        Args:
-            motion: pose and twist of the vehicle, `Vehicle.motion`.
-        """
-        if self._measured_ns == self._stamp_ns:
-            return
-        self._measured_ns = self._stamp_ns
-        vehicle, period_ns = self.vehicle, self.control_period_ns
-        step = self._stamp_ns // period_ns
-        sample = self._velocity_sensor.measure(self._stamp_ns, motion[3:])
-        self._taken_ns, self._reading = sample.stamp_ns, sample.value
-        if len(self._path) == 1:
-            measurement.write_world(motion, self._path[0])
-        step_ns = period_ns / self._steps
-        state = vehicle.state
-        tilt = float(state.body["tilt_x"][0]), float(state.body["tilt_y"][0])
-        count = measurement.measure(
-            self._instruments,
-            measurement.Truth(step, period_ns, self._path, step_ns, tilt, state.wheels),
-            self._noise.standard_normal(self._instruments.draws),
-            measurement.Readings(self._reading, self._imu_ns, self._inertial, self._encoder),
-        )
-        self._imu = tuple(
-            signals.ImuSample(int(stamp_ns), float(rate), np.array(force))
-            for stamp_ns, (rate, *force) in zip(
-                self._imu_ns[:count], self._inertial[:count], strict=True
-            )
-        )
-        self._velocity_sensor.state_covariance(self._reading, self._covariance)
 
     def advance(self, brake_enable: quantities.FloatArray) -> None:
         """Advance vehicle and sensors by one control period.
@@ -283,17 +236,13 @@ class Simulator:
         if self.configuration.vehicle.fork.time:
             self.vehicle.lift(start_ns * 1e-9)
         ride = self.vehicle.ride if self._sprung else None
-        self._steering = self.vehicle.steering[0]
+        steering = self.vehicle.steering[0]
         pedal, command = self._driver.demand(start_ns, float(self.vehicle.pose[2]))
         trajectory = self.vehicle.advance(
-            self._steps,
-            pedal,
-            brake_enable,
-            command,
-            hold_world_direction=self._hold_world,
+            self._steps, pedal, brake_enable, command, hold_world_direction=self._hold_world
         )
         if self.configuration.imu.rate > 0.0:
-            self._path = trajectory[1:]
+            self._sensors.path = trajectory[1:]
         loads = self.vehicle.state.wheels["load"]
         self.overloaded = self.overload.update(loads, self.vehicle.overloaded_steps)
         self.tipping = self.vehicle.tipping
@@ -303,8 +252,26 @@ class Simulator:
             period = self.configuration.simulation.control_period
             trajectory = swaying(trajectory, ride, self.vehicle.ride, height, period)
         self._flows = self._flow_sensors.measure(self._stamp_ns, trajectory)
-        if self._lines is not None:
-            self._batches = self._expose(self._lines, trajectory, start_ns)
+        self._batches = self._expose(trajectory, start_ns, steering)
+
+    def _expose(
+        self, trajectory: quantities.FloatArray, start_ns: int, before: quantities.FloatArray
+    ) -> Mapping[str, signals.LineBatch]:
+        """Return the lines that each camera exposes between a start time and the present stamp.
+
+        Args:
+            trajectory: x, y, yaw of base_link [m, m, rad] and their time derivatives in the world
+                frame, from the start time to the present stamp, shape (n + 1, 6).
+            start_ns: start time [ns], not included; -1 to include the line at time 0.
+            before: steering angles at the start time [rad], shape (N,).
+        """
+        if self._lines is None:
+            return {}
+        angles = zip(before.tolist(), self.vehicle.steering[0].tolist(), strict=True)
+        steering = dict(zip(self.vehicle.wheel_names, angles, strict=True))
+        return self._lines.expose(
+            trajectory, start_ns, self._stamp_ns, steering, self.vehicle.clearance
+        )
 
     def place(self, pose: quantities.FloatArray) -> None:
         """Place the vehicle at rest in another pose; the time does not change.
@@ -322,22 +289,3 @@ class Simulator:
         simulate.
         """
         return self.vehicle.tipping_steps * self.configuration.simulation.physics_step
-
-    def _expose(
-        self, lines: batches.LineExposures, trajectory: quantities.FloatArray, start_ns: int
-    ) -> Mapping[str, signals.LineBatch]:
-        """Return the lines that each camera exposes between a start time and the present stamp.
-
-        Args:
-            lines: renderer of the lines.
-            trajectory: x, y, yaw of base_link [m, m, rad] and their time derivatives in the world
-                frame, from the start time to the present stamp, shape (n + 1, 6).
-            start_ns: start time [ns], not included; -1 to include the line at time 0.
-        """
-        lines.complete()
-        if self._sprung or self.vehicle.uneven:
-            for camera in lines.cameras.cameras.values():
-                camera.rise = self.vehicle.clearance(camera.sensor.x, camera.sensor.y)
-        angles = zip(self._steering.tolist(), self.vehicle.steering[0].tolist(), strict=True)
-        steering = dict(zip(self.vehicle.wheel_names, angles, strict=True))
-        return lines.expose(trajectory, start_ns, self._stamp_ns, steering)

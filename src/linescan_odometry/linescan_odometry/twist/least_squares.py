@@ -28,8 +28,9 @@ In shapes, S is the number of sensors, and R the number of velocities: one for e
 for the axle, and two for each flow sensor.
 """
 
+import dataclasses
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
 import numpy as np
 
@@ -42,6 +43,10 @@ _NARROWEST = math.sin(math.radians(5.0)) ** 2
 # If the variance of a sensor's residual is a smaller share of the sensor's variance, the other
 # sensors cannot check this sensor [1].
 _CHECKED = 1e-6
+UNKNOWNS = 3
+"""Number of components of the twist."""
+_MINIMUM_VARIANCE = 1e-12  # m^2/s^2; keeps the weights finite for noise-free lines
+_SMALLEST_SHARE = 1e-9  # smallest ratio of two variances; below it, a weight is lost to rounding
 _WEAKEST_LEVER = 0.05  # smallest ratio of the effective lever arm to the spread of the sensors
 
 
@@ -87,6 +92,36 @@ class KinematicsConfiguration(Configuration):
         return self.deviation**2 + math.pow(self.deviation_share * speed, 2)
 
 
+@dataclasses.dataclass(frozen=True)
+class Solution:
+    """A twist, and the data from which it was estimated.
+
+    An axle without sideways slip (kinematic constraint) can replace a sensor.
+
+    Attributes:
+        twist: (v_x, v_y [m/s], yaw rate [rad/s]), shape (3,).
+        covariance: covariance of the twist in the squares of its units, shape (3, 3).
+        measured: whether each of the S sensors (cameras, then flow sensors) was used; then whether
+            the axle was used, if there is one.
+        count: number of velocities that were used.
+        assumed: whether the axle was used.
+        scores: normalized residual of each sensor, and of the axle [1], shape (S,) or (S + 1,).
+        leverage: largest possible effect of one faulty velocity [1]: squared error of the twist,
+            normalized by the covariance, divided by the squared score of the velocity.
+        last_variance: variance of the last velocity in the order of the solver [m^2/s^2]: of the
+            axle, or of the last sensor if there is no axle.
+    """
+
+    twist: FloatArray
+    covariance: FloatArray
+    measured: tuple[bool, ...]
+    count: int
+    assumed: bool
+    scores: FloatArray
+    leverage: float
+    last_variance: float
+
+
 def check_placement(
     sensors: Mapping[str, Mount], minimum_lever: float, axle: float | None = None
 ) -> None:
@@ -113,7 +148,10 @@ class TwistSolver:
     """Estimates the twist of base_link from sensor velocities."""
 
     def __init__(
-        self, sensors: Mapping[str, Mount], minimum_lever: float, axle: float | None = None
+        self,
+        sensors: Mapping[str, Mount],
+        minimum_lever: float,
+        kinematics: KinematicsConfiguration | None = None,
     ) -> None:
         """Create the solver for the given sensors and, if there is one, an unsteered axle.
 
@@ -121,10 +159,11 @@ class TwistSolver:
             ConfigurationError: the placement is singular or too weak; `check_placement` states the
                 conditions.
         """
+        self._kinematics = kinematics or KinematicsConfiguration()
+        axle = self._kinematics.axle
         check_placement(sensors, minimum_lever, axle)
         self._sensors = dict(sensors)
         self._minimum_lever = minimum_lever
-        self._axle = axle
         matrix = _rows(sensors, axle)
         # With this unit of the yaw rate, the columns of the matrix have similar magnitudes, which
         # reduces rounding errors of the inverse.
@@ -153,11 +192,6 @@ class TwistSolver:
         """Return whether each velocity belongs to a sensor that is used, shape (R,)."""
         return np.repeat(np.array(measured, np.bool_), self._sizes[: len(measured)])
 
-    @property
-    def places(self) -> Sequence[slice]:
-        """Slice of the velocity array that belongs to each sensor."""
-        return self._places
-
     def problem(self, measured: tuple[bool, ...]) -> str:
         """Return why the used sensors do not determine the twist; empty if they determine it.
 
@@ -173,10 +207,56 @@ class TwistSolver:
                 for (name, sensor), use in zip(self._sensors.items(), measured[:count], strict=True)
                 if use
             }
-            axle = self._axle if any(measured[count:]) else None
+            axle = self._kinematics.axle if any(measured[count:]) else None
             problem = _problem(chosen, self._minimum_lever, axle)
             self._problems[measured] = problem
         return problem
+
+    def estimate(
+        self,
+        velocity: FloatArray,
+        variance: FloatArray,
+        measured: tuple[bool, ...],
+        contradiction_limit: float,
+    ) -> Solution | None:
+        """Return the twist estimated from the velocities; None if they do not determine it.
+
+        The axle is used only if the sensors alone do not determine the twist.
+
+        Args:
+            velocity: velocities along the axes of the sensors [m/s], shape (R,), without the axle.
+            variance: variances of these velocities [m^2/s^2], shape (R,), or their covariance,
+                shape (R, R), if there are flow sensors.
+            measured: whether each of the S sensors is used.
+            contradiction_limit: limit on the scores [1]; if it is 0, they are not computed.
+        """
+        used = self.rows(measured)
+        own = variance if variance.ndim == 1 else np.diag(variance)
+        largest = float(np.max(own, where=used, initial=0.0))
+        own = np.maximum(own, max(_SMALLEST_SHARE * largest, _MINIMUM_VARIANCE))
+        assumed = False
+        if self._kinematics.axle is not None:
+            speed = float(np.max(np.abs(velocity), where=used, initial=0.0))
+            velocity = np.append(velocity, 0.0)
+            own = np.append(own, self._kinematics.variance(speed))
+            assumed = bool(self.problem((*measured, False)))
+            measured = (*measured, assumed)
+        if self.problem(measured):
+            return None
+        each = own
+        if variance.ndim > 1:
+            each = np.pad(variance, (0, len(own) - len(variance)))
+            np.fill_diagonal(each, own)
+        twist, covariance = self.solve(velocity, each, measured)
+        scores, leverage = np.zeros(len(measured)), 1.0
+        count = int(np.count_nonzero(self.rows(measured)))
+        if count > UNKNOWNS and contradiction_limit > 0.0:
+            scores = self.contradictions(velocity, each, measured, twist, covariance)
+            leverage = max(leverage, self.leverage(each, measured, covariance))
+        last_variance = float(own[-1])
+        return Solution(
+            twist, covariance, measured, count, assumed, scores, leverage, last_variance
+        )
 
     def solve(
         self, velocity: FloatArray, variance: FloatArray, measured: tuple[bool, ...]

@@ -141,7 +141,8 @@ def test_the_deviation_of_the_axle_grows_with_the_speed() -> None:
 
 
 def test_covariance_is_the_scatter_where_the_axle_scatters_as_stated() -> None:
-    solver = TwistSolver(SIDES, 0.02, AXLE_X)
+    kinematics = KinematicsConfiguration(constraint="unsteered_axle", axle_x=AXLE_X)
+    solver = TwistSolver(SIDES, 0.02, kinematics)
     variance = np.array([1e-6, 4e-6, DEVIATION**2])
     generator = np.random.default_rng(4)
     errors = np.empty((3000, 3))

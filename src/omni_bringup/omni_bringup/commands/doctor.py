@@ -182,11 +182,11 @@ def _disk(workspace: Path, needed: float = 0.2e9) -> str:
 
 def _folders(workspace: Path) -> str:
     """Return the folders that the workspace fills, with their sizes."""
-    from omni_sim.texture.configuration import cache_folder
+    from omni_sim.texture.cache import TextureCache
 
     names = ("build", "install", ".cache", "bags", "results")
     folders = [Path(sys.prefix), *(workspace / name for name in names)]
-    folders.append(cache_folder())
+    folders.append(TextureCache.of_user().directory)
     found = [str(folder) for folder in folders if folder.is_dir()]
     # Some of the files may be removed in the meantime.
     rows = subprocess.run(["du", "-sk", *found], capture_output=True, text=True, check=False).stdout

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from omni_core.configuration import ConfigurationError
+from omni_core.files import replaced
 
 if TYPE_CHECKING:
     from omni_core.commands.wrapped_table import WrappedTable
@@ -127,14 +128,11 @@ def make_folder(folder: Path) -> Path:
 def write_text(path: Path, text: str) -> Path:
     """Write a text file atomically, create its folder if missing, and return its absolute path."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    scratch = path.with_name(f".{path.name}.part")
     try:
-        scratch.write_text(text, encoding="utf-8")
-        scratch.replace(path)
+        with replaced(path) as file:
+            file.write_text(text, encoding="utf-8")
     except OSError as error:  # a full disk raises an error that does not name the file
         raise OSError(error.errno, error.strerror, str(path)) from None
-    finally:
-        scratch.unlink(missing_ok=True)
     return path.resolve()
 
 

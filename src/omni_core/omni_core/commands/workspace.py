@@ -1,7 +1,5 @@
 """Workspace, the folder whose configuration a command reads, and progress of a command."""
 
-from __future__ import annotations
-
 import os
 import sys
 import threading

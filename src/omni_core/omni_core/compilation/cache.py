@@ -34,7 +34,7 @@ import numpy as np
 from numba.extending import is_jitted
 
 from omni_core.compilation import code, references
-from omni_core.files import user_folder
+from omni_core.files import replaced, user_folder
 
 _LIBRARIES = sys.stdlib_module_names | {"llvmlite", "numba", "numpy", "rocket_fft", "scipy"}
 _PLAIN = {bool, bytes, float, int, str, type(None)}
@@ -148,7 +148,8 @@ class KernelCache:
         stored = code.reduced(data, for_callers=self._for_callers)
         with contextlib.suppress(OSError):  # of another user, or a full disk
             if stored is not None:
-                _write(self.file(sig), pickle.dumps(stored))
+                with replaced(self.file(sig)) as file:
+                    file.write_bytes(pickle.dumps(stored))
         self._lock(fcntl.LOCK_UN)
         with contextlib.suppress(OSError):  # another process deletes them, too
             files = sorted(Path(self.cache_path).glob(f"{self._prefix}*"), key=os.path.getmtime)
@@ -157,17 +158,6 @@ class KernelCache:
             for file, version in zip(files, versions, strict=True):
                 if version not in kept:
                     file.unlink()
-
-
-def _write(path: Path, content: bytes) -> None:
-    """Write a file that other processes see only when it is complete."""
-    incomplete = path.with_name(f".{path.name}.{os.getpid()}")
-    try:
-        incomplete.write_bytes(content)
-        incomplete.replace(path)
-    except OSError:
-        incomplete.unlink(missing_ok=True)
-        raise
 
 
 @functools.cache

@@ -65,7 +65,7 @@ class _Findings:
             counts[topic] = counts.get(topic, 0) + 1
             sequences.setdefault(id(message.channel), _Sequence(topic)).add(message.sequence)
             self._decode(message)
-            self._watch(topic, _LOGS, message.log_ns, message.log_ns)
+            self._clocks[topic, _LOGS].add(message.log_ns, message.log_ns)
         for sequence in sequences.values():
             if sequence.missing:
                 self._problems.append(
@@ -128,20 +128,17 @@ class _Findings:
     def _decode(self, message: mcap.RecordedMessage) -> None:
         if self._decoder.problem(message.channel):
             return  # reported once per channel
+        topic = message.channel.topic
         try:
             decoded = self._decoder.decode(message)
         except decode.DecodeError as error:
-            topic = message.channel.topic
             count, words = self._undecoded.get(topic, (0, str(error)))
             self._undecoded[topic] = count + 1, words
             return
         stamp_ns = decode.header_stamp_ns(decoded)
         # Of several publishers, one that hung is late, not the clock.
-        if stamp_ns is not None and message.channel.topic not in clock.SHARED_TOPICS:
-            self._watch(message.channel.topic, _STAMPS, stamp_ns, message.log_ns)
-
-    def _watch(self, topic: str, kind: str, time_ns: int, log_ns: int) -> None:
-        self._clocks[topic, kind].add(time_ns, log_ns)
+        if stamp_ns is not None and topic not in clock.SHARED_TOPICS:
+            self._clocks[topic, _STAMPS].add(stamp_ns, message.log_ns)
 
     def _compare_summary(self, file: Path, counts: Mapping[str, int]) -> None:
         summary = mcap.read_summary(file)

@@ -13,15 +13,8 @@ from pathlib import Path
 from typing import Any
 
 from omni_recording import definitions, mcap, write
+from omni_recording import folder as bags
 from omni_recording.error import BagError, McapError
-from omni_recording.folder import (
-    METADATA,
-    bag_files,
-    bag_summary,
-    claimed_counts,
-    open_bag,
-    read_plain_yaml,
-)
 from omni_recording.limits import LIMITS
 from omni_recording.metadata import RecordedQos, RecordedTopic
 
@@ -68,15 +61,20 @@ def recover(path: Path, folder: Path) -> Recovery | None:
     """
     problems: list[str] = []
     channels: list[mcap.RecordedChannel] = []
-    files = bag_files(path, problems)
-    problems += _metadata_problem(path)
+    files = bags.bag_files(path, problems)
+    bag: bags.Bag | None = None
+    try:
+        bag = bags.open_bag(path)
+    except BagError as error:
+        if (path / bags.METADATA).exists():  # metadata may be missing
+            problems.append(error.problem)
     # The topics must be known before the first message is written, so the recording is read twice.
     count, first_ns, last_ns = 0, 1 << 63, 0
     lost: Counter[str] = Counter()
     for message in _whole_messages(files, problems, channels, lost):
         count += 1
         first_ns, last_ns = min(first_ns, message.log_ns), max(last_ns, message.log_ns)
-    if not problems and _metadata_fit(path, count):
+    if not problems and bag is not None and bag.message_count in (None, count):
         return None
     if not count:
         words = "; ".join(problems) or "the files are empty"
@@ -86,7 +84,7 @@ def recover(path: Path, folder: Path) -> Recovery | None:
             writer.write(message.channel.topic, message.log_ns, message.data, message.publish_ns)
     if path.is_dir():
         _copy_notes(path, folder)
-    for topic, claimed in _claimed_counts(path).items():
+    for topic, claimed in _claimed_counts(path, bag).items():
         lost[topic] = max(lost[topic], claimed - writer.counts.get(topic, 0))
     return Recovery(folder, writer.counts, +lost, first_ns, last_ns, tuple(problems))
 
@@ -134,31 +132,13 @@ def _whole_messages(
         lost += reader.lost
 
 
-def _claimed_counts(path: Path) -> Mapping[str, int]:
+def _claimed_counts(path: Path, bag: bags.Bag | None) -> Mapping[str, int]:
     """Return the message counts of the metadata or of the index; empty without any."""
-    with contextlib.suppress(BagError):
-        bag = open_bag(path)
-        return bag.counts or bag_summary(bag).counts
-    with contextlib.suppress(BagError):  # a file is missing, or the metadata is
-        return claimed_counts(path)
+    with contextlib.suppress(BagError):  # a file is damaged, or the metadata is missing
+        if bag is None:
+            return bags.claimed_counts(path)
+        return bag.counts or bags.bag_summary(bag).counts
     return {}
-
-
-def _metadata_problem(path: Path) -> list[str]:
-    """Return the defect of the metadata, such as a missing file; metadata may be missing."""
-    try:
-        if (path / METADATA).exists():
-            open_bag(path)
-    except BagError as error:
-        return [error.problem]
-    return []
-
-
-def _metadata_fit(path: Path, count: int) -> bool:
-    try:
-        return open_bag(path).message_count in (None, count)
-    except BagError:
-        return False
 
 
 def _topic(path: Path, channel: mcap.RecordedChannel) -> RecordedTopic:
@@ -181,7 +161,7 @@ def _qos(metadata: Mapping[str, str]) -> RecordedQos:
     """
     text = metadata.get("offered_qos_profiles", "")
     try:
-        profile = read_plain_yaml(text)[0] if len(text) <= LIMITS.qos else {}
+        profile = bags.read_plain_yaml(text)[0] if len(text) <= LIMITS.qos else {}
         return RecordedQos(
             depth=int(profile["depth"]),
             history=_word(profile["history"]),
@@ -210,7 +190,7 @@ def _copy_notes(path: Path, folder: Path) -> None:
             regular = file.is_file() and file.stat().st_size <= LIMITS.text
         except OSError:  # a circular link
             continue
-        if regular and file.suffix in (".yaml", ".json") and file.name != METADATA:
+        if regular and file.suffix in (".yaml", ".json") and file.name != bags.METADATA:
             try:
                 shutil.copyfile(file, folder / file.name)
             except OSError as error:

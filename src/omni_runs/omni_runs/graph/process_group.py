@@ -9,7 +9,7 @@ import signal
 import sys
 import tempfile
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import IO, Any
 
@@ -17,7 +17,9 @@ from omni_core.configuration import WorkError
 from omni_runs.graph.fork_server import start_process
 
 _COLORS = re.compile(r"\x1b\[[0-9;]*m")  # colors of DDS messages
-HALTED = "{} was halted by a signal during the run, which makes the run invalid"
+_HALTED = "{} was halted by a signal during the run, which makes the run invalid"
+# Limit on the time without a report [s]; kernels may have to be compiled first.
+_REPORT_TIMEOUT = 300.0
 
 
 class ProcessError(WorkError):
@@ -248,11 +250,64 @@ class ProcessGroup:
             if process is not besides and process.returncode is not None:
                 raise ProcessError(describe_end(process))
 
+    def await_begin(self, recorder: RunningProcess, folder: Path) -> Iterator[None]:
+        """Wait until the recorder has made the folder of its recording.
+
+        Raises:
+            ProcessError: a process ended, or a signal halted the recorder.
+        """
+        while not folder.is_dir():
+            self.raise_if_ended()
+            recorder.raise_if_halted()
+            yield
+
+    def follow(
+        self, last: RunningProcess, on_report: Callable[[Mapping[str, Any]], None]
+    ) -> Generator[None, None, dict[str, Any]]:
+        """Wait for the end of a process, and return its last report.
+
+        Args:
+            last: process of the group that ends first, after a report with the key ``finished``.
+            on_report: function that is called with each of its reports.
+
+        Raises:
+            ProcessError: another process ended earlier, a signal halted a process, or `last` makes
+                no progress.
+        """
+        report: dict[str, Any] = {}
+        received = time.monotonic()
+        while last.returncode is None:
+            yield
+            self.raise_if_ended(besides=last)
+            now = time.monotonic()
+            for report in last.new_reports():
+                on_report(report)
+                received = now
+            # Before the first step, a single halted node makes all other nodes wait.
+            for process in (last,) if report else self.running:
+                process.raise_if_halted()
+            if now - received > _REPORT_TIMEOUT:
+                raise ProcessError(
+                    f"the {last.node.name} has made no step for {_REPORT_TIMEOUT:g} s"
+                )
+        self.raise_if_ended(besides=last)
+        report = (last.new_reports() or [report])[-1]
+        if last.returncode != 0 or "finished" not in report:
+            raise ProcessError(describe_end(last))
+        if last.was_halted:
+            raise ProcessError(_HALTED.format(last.node.name))
+        return report
+
+    def first_halt(self, besides: RunningProcess | None = None) -> str:
+        """Return a sentence about the first process that was halted; empty if none was."""
+        halted = (one.node.name for one in self.running if one is not besides and one.was_halted)
+        name = next(halted, None)
+        return _HALTED.format(name) if name else ""
+
     def raise_if_failed(self) -> None:
         """Raise `ProcessError` if one of the ended processes was halted or ended with an error."""
-        for process in self.running:
-            if process.was_halted:
-                raise ProcessError(HALTED.format(process.node.name))
+        if halt := self.first_halt():
+            raise ProcessError(halt)
         for process in self.running:
             if process.returncode != 0:
                 raise ProcessError(describe_end(process))

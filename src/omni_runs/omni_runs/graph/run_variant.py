@@ -27,8 +27,6 @@ from omni_runs.recorded_run import read_run
 from omni_runs.stops import drive_metrics, named_stops, stop_metrics
 
 Progress = Callable[[Mapping[str, float]], None]
-# Limit on the time without a report [s]; kernels may have to be compiled first.
-_REPORT_TIMEOUT = 300.0
 
 
 class RunError(WorkError):
@@ -150,21 +148,16 @@ def run_variant(
             with processes.ProcessGroup(node_environment(domain)) as group:
                 started = [group.start(node) for node in nodes if node.name not in external]
                 recorder, simulator = started[0], started[-1]
-                while not folder.is_dir():
-                    group.raise_if_ended()
-                    recorder.raise_if_halted()
-                    yield
+                yield from group.await_begin(recorder, folder)
                 write_beside_bag(configuration, folder, recorder)
-                report = yield from _follow(group, simulator, on_progress)
+                report = yield from group.follow(simulator, on_progress)
                 check_report(report)
             group.raise_if_failed()  # the nodes end before the recorder
             processes.check_counts(recorder.new_reports(), report["sent"])
         except processes.ProcessError as error:
             # A node that waits for a halted node stops sending too, so the halted node is reported
             # as the cause.
-            halted = (one.node.name for one in group.running if one.was_halted)
-            cause = next((name for name in halted if name != simulator.node.name), None)
-            raise RunError(processes.HALTED.format(cause) if cause else str(error)) from None
+            raise RunError(group.first_halt(besides=simulator) or str(error)) from None
     return functools.partial(measured, report, variant, folder, configuration)
 
 
@@ -211,45 +204,6 @@ def write_beside_bag(
         write_configuration(configuration, folder)
     except OSError as error:
         raise processes.ProcessError(f"cannot write to {folder}: {error.strerror}") from None
-
-
-def _follow(
-    group: processes.ProcessGroup, simulator: processes.RunningProcess, on_progress: Progress
-) -> Generator[None, None, dict[str, Any]]:
-    """Wait for the end of the simulator and return its last report.
-
-    Args:
-        group: all processes.
-        simulator: process of the simulator, one of the group.
-        on_progress: function that is called with each report of the simulator.
-
-    Raises:
-        ProcessError: a node ended before the simulator, a signal halted a process, or the simulator
-            makes no progress.
-    """
-    report: dict[str, Any] = {}
-    received = time.monotonic()
-    while simulator.returncode is None:
-        yield
-        group.raise_if_ended(besides=simulator)
-        now = time.monotonic()
-        for report in simulator.new_reports():
-            on_progress(report)
-            received = now
-        # Before the first step, a single halted node makes all other nodes wait.
-        for process in (simulator,) if report else group.running:
-            process.raise_if_halted()
-        if now - received > _REPORT_TIMEOUT:
-            raise processes.ProcessError(
-                f"the simulator has made no step for {_REPORT_TIMEOUT:g} s"
-            )
-    group.raise_if_ended(besides=simulator)
-    report = (simulator.new_reports() or [report])[-1]
-    if simulator.returncode != 0 or "finished" not in report:
-        raise processes.ProcessError(processes.describe_end(simulator))
-    if simulator.was_halted:
-        raise processes.ProcessError(processes.HALTED.format(simulator.node.name))
-    return report
 
 
 def check_report(report: Mapping[str, Any], longest_silence: float = 1.0) -> None:

@@ -311,7 +311,7 @@ def test_a_node_that_is_halted_while_the_graph_starts_is_named(
             group.start(add_program(prefix, name, "import time; time.sleep(100)"))
             for name in ("odometry", "simulator")
         )
-        steps = run_variant._follow(group, simulator, lambda _: None)
+        steps = group.follow(simulator, lambda _: None)
         next(steps)
         monkeypatch.setattr(RunningProcess, "raise_if_halted", at_once)
         next(steps)  # all processes run

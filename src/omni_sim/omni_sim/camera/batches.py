@@ -6,7 +6,7 @@ are interpolated between the physics steps.
 """
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from fractions import Fraction
 from functools import partial
 
@@ -199,24 +199,18 @@ class LineExposures:
         self._clocks = {rate: LineClock(rate) for rate in rates}
         self._batches = _Batches({}, cameras)
 
-    def complete(self) -> None:
-        """Render all lines of the previous call of `expose` that have not been rendered yet.
-
-        The noise of a line depends on the number of earlier lines, so no line may be skipped.
-        """
-        for name in self._batches:
-            self._batches[name]
-
     def expose(
         self,
         trajectory: FloatArray,
         start_ns: int,
         end_ns: int,
-        steering: Mapping[str, tuple[float, float]] | None = None,
+        steering: Mapping[str, tuple[float, float]],
+        clearance: Callable[[float, float], float],
     ) -> Mapping[str, LineBatch]:
         """Return the lines that each camera exposes between a start time and an end time.
 
-        Call `complete` first. The lines are rendered in the background or when they are read.
+        The lines are rendered in the background or when they are read, at the latest in the next
+        call: the noise of a line depends on the number of earlier lines, so no line is skipped.
 
         Args:
             trajectory: trajectory from `Vehicle.advance`, shape (n + 1, 6).
@@ -224,15 +218,20 @@ class LineExposures:
                 include the line at time 0.
             end_ns: end time, that of the trajectory's last row, included [ns].
             steering: steering angle of each carrier at both times [rad], keyed by wheel.
+            clearance: function that returns the present ground clearance at a point x, y [m] of
+                the body minus that at rest on flat ground [m].
         """
+        for name in self._batches:
+            self._batches[name]
         taken: dict[tuple[float, str], _Exposure] = {}
         exposures = {}
         duration = 1e-9 * self._step_ns * max(len(trajectory) - 1, 1)
         for name, camera in self.cameras.cameras.items():
             sensor, path = camera.sensor, trajectory
+            camera.rise = clearance(sensor.x, sensor.y)
             key = sensor.line_rate, sensor.carrier
             if key not in taken:
-                if steering and sensor.carrier:
+                if sensor.carrier:
                     path = carried_path(path, sensor, steering[sensor.carrier], duration)
                 taken[key] = self._exposure(sensor.line_rate, path, start_ns, end_ns)
             exposures[name] = taken[key]

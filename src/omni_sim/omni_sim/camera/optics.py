@@ -12,12 +12,7 @@ import numpy as np
 from omni_core.configuration import ConfigurationError
 from omni_core.quantities import Float32Array, FloatArray, IntArray
 from omni_core.sensors import LineSensor
-from omni_sim.camera.configuration import (
-    BLUR_MARGIN,
-    FULL_SCALE,
-    TELECENTRIC,
-    CameraConfiguration,
-)
+from omni_sim.camera.configuration import BLUR_MARGIN, FULL_SCALE, TELECENTRIC, CameraConfiguration
 
 _SAMPLES_PER_PIXEL = 4  # samples per pixel of motion along the axis in a blurred line
 _SAMPLES_PER_WIDTH = 16  # samples per width of motion across the axis in a blurred line

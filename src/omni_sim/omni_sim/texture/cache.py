@@ -9,7 +9,6 @@ import contextlib
 import hashlib
 import json
 import os
-import tempfile
 import zipfile
 from pathlib import Path
 
@@ -17,8 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omni_core.configuration import to_mapping
+from omni_core.files import replaced, user_folder
 from omni_sim.texture import texture as ground
-from omni_sim.texture.configuration import PICTURE, TextureConfiguration, cache_folder
+from omni_sim.texture.configuration import PICTURE, TextureConfiguration
 from omni_sim.texture.picture import read_picture
 
 
@@ -39,8 +39,13 @@ class TextureCache:
 
     @classmethod
     def of_user(cls) -> TextureCache:
-        """Return the cache in the folder that all workspaces of the user share."""
-        return cls(cache_folder())
+        """Return the cache that all workspaces of the user share, if its folder can be written.
+
+        Otherwise, the cache is in the folder of the workspace's caches.
+        """
+        bases = (os.environ.get("XDG_CACHE_HOME") or "~/.cache", os.environ.get("OMNI_CACHE_DIR"))
+        wanted = [Path(base, "omni_sim", "textures") for base in bases if base]
+        return cls(user_folder("omni_sim", *wanted))
 
     def texture(self, configuration: TextureConfiguration) -> ground.GroundTexture:
         """Return a texture, from the cache if possible; a picture is read from its own file.
@@ -57,7 +62,9 @@ class TextureCache:
             return ground.GroundTexture(gray, size)
         texture = ground.generate_texture(configuration)
         with contextlib.suppress(OSError):
-            _write(path, texture.gray)
+            path.parent.mkdir(parents=True, exist_ok=True)
+            with replaced(path) as new, new.open("wb") as file:
+                np.savez(file, gray=texture.gray)
         return texture
 
     def path(self, configuration: TextureConfiguration) -> Path:
@@ -79,16 +86,3 @@ def _read(path: Path, texels: int) -> NDArray[np.uint8] | None:
     except (OSError, ValueError, EOFError, KeyError, zipfile.BadZipFile):
         return None
     return gray if gray.shape == (texels, texels) and gray.dtype == np.uint8 else None
-
-
-def _write(path: Path, gray: NDArray[np.uint8]) -> None:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    handle, temporary = tempfile.mkstemp(prefix=path.name, suffix=".part", dir=path.parent)
-    try:
-        with os.fdopen(handle, "wb") as file:
-            np.savez(file, gray=gray)
-        os.replace(temporary, path)
-    except BaseException:
-        with contextlib.suppress(OSError):
-            os.unlink(temporary)
-        raise

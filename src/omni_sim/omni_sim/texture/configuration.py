@@ -1,11 +1,8 @@
 """Parameters of the texture of a ground."""
 
 import math
-import os
-from pathlib import Path
 
 from omni_core.configuration import Configuration, ConfigurationError, parameter
-from omni_core.files import user_folder
 
 KINDS = (
     *("cork", "asphalt", "stone", "wood", "plastic", "metal", "walking_tile", "dry_earth"),
@@ -87,13 +84,3 @@ class TextureConfiguration(Configuration):
         # An excess of less than a hundredth of a texel is a rounding error.
         texels = math.ceil((self.size / texel - 0.01) / BLOCK) * BLOCK
         return texels, texels * texel
-
-
-def cache_folder() -> Path:
-    """Return the folder of generated textures: the user's cache folder, if it can be written.
-
-    Otherwise, the folder of the workspace's caches is used.
-    """
-    bases = (os.environ.get("XDG_CACHE_HOME") or "~/.cache", os.environ.get("OMNI_CACHE_DIR"))
-    wanted = [Path(base, "omni_sim", "textures") for base in bases if base]
-    return user_folder("omni_sim", *wanted)

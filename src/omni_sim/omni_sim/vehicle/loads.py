@@ -17,8 +17,6 @@ Above the largest permissible load of the tire, the parabola of Eq. (3) has no p
 reports it.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from omni_core.kernels import lean

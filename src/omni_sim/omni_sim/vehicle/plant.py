@@ -1,10 +1,11 @@
 """Conversion of a vehicle's configuration to the state of the dynamics kernel."""
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
-from omni_core.geometry import cross
+from omni_core.geometry import PlatformGeometry, cross
 from omni_core.kinematics import PlatformKinematics
 from omni_core.quantities import GRAVITY, FloatArray
 from omni_sim.ground.configuration import ElevationConfiguration
@@ -16,7 +17,7 @@ from omni_sim.vehicle import state
 from omni_sim.vehicle.configuration import VehicleConfiguration
 from omni_sim.vehicle.loads import load_plane, wheel_loads
 from omni_sim.wheel.brake_pressure import build_brake_pressure
-from omni_sim.wheel.roller_geometry import AXIS
+from omni_sim.wheel.roller_geometry import AXIS, RollerGeometry
 from omni_sim.wheel.steering import build_steering
 
 
@@ -34,10 +35,8 @@ def build_state(
         physics_step: length of a step [s].
         elevation: elevation of the ground.
     """
-    brake, n = configuration.brake, len(configuration.wheels)
+    n = len(configuration.wheels)
     plant, losses = _losses(configuration, _plant(configuration, friction, physics_step))
-    lag = brake.time_constant, brake.dead_time
-    valves = brake.pressure_step, brake.release_time
     return state.State(
         plant=plant,
         terrain=elevation.terrain,
@@ -49,7 +48,7 @@ def build_state(
         treads=_treads(configuration, plant),
         wheels=np.zeros(n, state.WHEEL),
         counters=np.zeros(1, state.COUNTERS),
-        pressure=build_brake_pressure(*lag, n, physics_step, *valves),
+        pressure=build_brake_pressure(configuration.brake, n, physics_step),
         loads=np.empty(n),
     )
 
@@ -75,7 +74,7 @@ def _plant(
         filter_share=physics_step / (physics_step + configuration.load_transfer_time),
         contact=_structured(state.CONTACT, lever, geometry.active, moment, rim),
         radius=geometry.radius,
-        mobility=_mobility(configuration, lever, geometry.active, moment),
+        mobility=_mobility(configuration, geometry, lever, moment, rollers),
         rolling=np.zeros((len(lever), 3)),
         position=lever,
         plane=load_plane(lever),
@@ -206,7 +205,11 @@ def _structured(kind: np.dtype[np.void], *columns: FloatArray) -> state.Structur
 
 
 def _mobility(
-    configuration: VehicleConfiguration, lever: FloatArray, active: FloatArray, moment: FloatArray
+    configuration: VehicleConfiguration,
+    geometry: PlatformGeometry,
+    lever: FloatArray,
+    moment: FloatArray,
+    rollers: Sequence[RollerGeometry],
 ) -> FloatArray:
     """Return the sum of absolute values in each row of the mobility matrix [1/kg], shape (N,).
 
@@ -216,14 +219,14 @@ def _mobility(
 
     Args:
         configuration: configuration of the vehicle.
+        geometry: geometry of the wheels.
         lever: wheel centers from the center of gravity [m], shape (N, 2).
-        active: active directions, shape (N, 2).
         moment: moments of unit forces along the active directions [m], shape (N,).
+        rollers: rollers of each wheel, along which its contact moves; empty if it does not move.
     """
-    masses = configuration.masses
-    if configuration.contacts_move or configuration.has_conventional_wheels:
-        geometries = configuration.roller_geometries if configuration.contacts_move else ()
-        jump = np.array([geometry.jump for geometry in geometries]) if geometries else 0.0
+    masses, active = configuration.masses, geometry.active
+    if rollers or geometry.conventional.any():
+        jump = np.array([roller.jump for roller in rollers]) if rollers else 0.0
         # This upper bound is valid for all wheel angles; two rollers may carry a wheel.
         reach = np.linalg.norm(lever, axis=1) + jump
         total = len(lever) / masses.mass + reach * reach.sum() / masses.yaw_inertia

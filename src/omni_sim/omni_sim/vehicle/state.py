@@ -4,8 +4,6 @@ The state is stored in structured arrays, so that a kernel reads ``wheel.speed``
 reads ``wheels["speed"]``. Constants and inputs are NamedTuples.
 """
 
-from __future__ import annotations
-
 from typing import Any, NamedTuple
 
 import numpy as np

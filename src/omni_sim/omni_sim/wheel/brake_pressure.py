@@ -19,6 +19,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from omni_core.brakes import BrakeConfiguration
 from omni_core.kernels import by_reference, lean, lean_inline
 from omni_core.quantities import FloatArray, IntArray
 
@@ -51,38 +52,30 @@ class BrakePressure(NamedTuple):
     oldest: IntArray
     open: FloatArray
     stuck: FloatArray
-    pressure_step: float = 0.0
-    release_lag: int = 0
+    pressure_step: float
+    release_lag: int
 
 
 def build_brake_pressure(
-    time_constant: float,
-    dead_time: float,
-    wheels: int,
-    physics_step: float,
-    pressure_step: float = 0.0,
-    release_time: float = 0.0,
+    brake: BrakeConfiguration, wheels: int, physics_step: float
 ) -> BrakePressure:
     """Return the constants and the initial state of brakes without pressure.
 
     Args:
-        time_constant: time constant ``T`` of the lag [s]; 0 for no lag.
-        dead_time: dead time ``t_d`` of applying a brake [s].
+        brake: brake of every wheel.
         wheels: number of wheels.
         physics_step: length of a step [s].
-        pressure_step: resolution of a valve [1]; 1 for on-off valves, 0 for continuous valves.
-        release_time: dead time ``t_r`` of releasing a brake [s]; 0 to use ``t_d``.
     """
     remainder = mean_remainder = 0.0
-    if time_constant > 0.0:
-        ratio = physics_step / time_constant
+    if brake.time_constant > 0.0:
+        ratio = physics_step / brake.time_constant
         remainder, mean_remainder = math.exp(-ratio), -math.expm1(-ratio) / ratio
-    delay = round(max(dead_time, release_time) / physics_step)
+    delay = round(max(brake.dead_time, brake.release_time) / physics_step)
     demanded, torque, acting, least, stuck = (np.zeros(wheels) for _ in range(5))
     delayed, oldest = np.zeros((delay, wheels)), np.zeros(1, dtype=np.int64)
     rows = demanded, torque, acting, delayed, oldest, least, stuck
-    lag = delay - round(dead_time / physics_step)
-    return BrakePressure(remainder, mean_remainder, *rows, pressure_step, lag)
+    lag = delay - round(brake.dead_time / physics_step)
+    return BrakePressure(remainder, mean_remainder, *rows, brake.pressure_step, lag)
 
 
 def release(pressure: BrakePressure) -> None:

@@ -11,6 +11,7 @@ import pytest
 from logged_steps import advance_logged, kinetic_energy
 from numpy.typing import NDArray
 
+from omni_core.brakes import BrakeConfiguration
 from omni_sim.masses import MassConfiguration
 from omni_sim.vehicle.configuration import VehicleConfiguration
 from omni_sim.vehicle.vehicle import Vehicle
@@ -25,6 +26,12 @@ from omni_sim.wheel.brake_pressure import (
 LAG, DEAD, STEP = 0.03, 0.007, 0.0005
 SHARES = np.array([1.0, 0.0, 0.4])
 ASKED = 1500.0 * SHARES
+
+
+def brakes(wheels: int = 3, step: float = STEP, **values: Any) -> BrakePressure:
+    """Return proportional brakes without pressure; `values` are parameters of the brakes."""
+    brake = BrakeConfiguration(**({"kind": "proportional"} | values))
+    return build_brake_pressure(brake, wheels, step)
 
 
 def brake_torques(pressure: BrakePressure, demand: float, steps: int) -> NDArray[np.float64]:
@@ -44,13 +51,13 @@ def brake_torques(pressure: BrakePressure, demand: float, steps: int) -> NDArray
     within=0.0,
 )
 def test_pressure_without_lag_equals_the_command() -> None:
-    pressure = build_brake_pressure(0.0, 0.0, 3, STEP)
+    pressure = brakes()
     np.testing.assert_array_equal(brake_torques(pressure, 1500.0, 20), [ASKED] * 20)
     np.testing.assert_array_equal(brake_torques(pressure, 0.0, 20), 0.0)
 
 
 def test_dead_time_alone_shifts_what_is_asked() -> None:
-    pressure = build_brake_pressure(0.0, DEAD, 3, STEP)
+    pressure = brakes(dead_time=DEAD)
     steps = round(DEAD / STEP)
     torques = [brake_torques(pressure, c * 1500.0, 10) for c in (1.0, 0.5, 0.2)]
     shares = np.concatenate((np.zeros(steps), np.repeat([1.0, 0.5], 10)))[:30]
@@ -60,7 +67,7 @@ def test_dead_time_alone_shifts_what_is_asked() -> None:
 @pytest.mark.parametrize("dead_time", [0.0, 0.06])
 def test_a_spring_applied_brake_releases_later_than_it_is_applied(dead_time: float) -> None:
     release_time = 0.1
-    pressure = build_brake_pressure(0.0, dead_time, 3, STEP, 1.0, release_time)
+    pressure = brakes(kind="on_off", dead_time=dead_time, release_time=release_time)
     brake_torques(pressure, 0.0, 500)
     applied = brake_torques(pressure, 1500.0, 500)[:, 0]
     assert np.argmax(applied > 0.0) == round(dead_time / STEP)
@@ -76,7 +83,7 @@ def test_a_spring_applied_brake_releases_later_than_it_is_applied(dead_time: flo
 @pytest.mark.parametrize("step", [STEP, 0.001])
 def test_impulse_of_a_pulse_is_that_of_the_closed_form(step: float) -> None:
     """Integral of ``p`` over 0.1 s with a demand and 0.1 s without."""
-    pressure = build_brake_pressure(LAG, DEAD, 3, step)
+    pressure = brakes(3, step, time_constant=LAG, dead_time=DEAD)
     on, off = 0.1, 0.1
     rows = [brake_torques(pressure, demanded, round(0.1 / step)) for demanded in (1500.0, 0.0)]
     impulse = step * np.concatenate(rows).sum(axis=0)
@@ -137,10 +144,10 @@ def test_a_vehicle_that_is_placed_anew_has_no_pressure(forklift: VehicleConfigur
 
 def test_valves_are_open_or_shut_and_proportional_ones_take_steps() -> None:
     enable = np.array([0.0, 0.24, 0.49, 0.51, 1.0])
-    for pressure_step, shares in (
-        (0.0, enable),
-        (1.0, [0, 0, 0, 1, 1]),
-        (0.25, [0, 0.25, 0.5, 0.5, 1]),
+    for kind, resolution, shares in (
+        ("proportional", 0.0, enable),
+        ("on_off", 0.0, [0, 0, 0, 1, 1]),
+        ("proportional", 0.25, [0, 0.25, 0.5, 0.5, 1]),
     ):
-        pressure = build_brake_pressure(0.0, 0.0, 5, STEP, pressure_step)
+        pressure = brakes(5, kind=kind, resolution=resolution)
         np.testing.assert_allclose([passed(pressure, share) for share in enable], shares)
