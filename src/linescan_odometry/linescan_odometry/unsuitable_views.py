@@ -46,6 +46,24 @@ class _Motion(NamedTuple):
     deviations: Mapping[str, float]
 
 
+class _Speed(NamedTuple):
+    """A velocity of one camera, at which its view must have changed.
+
+    Attributes:
+        stamp_ns: stamp of the velocity, a mean over the batch [ns].
+        interval_ns: time since the velocity before [ns], at most `GAP_NS`.
+        along: velocity along the camera's axis [m/s].
+        across: velocity across the axis [m/s]; 0 if it is unknown.
+        deviation: standard deviation of `along`, over a texture of known slope [m/s].
+    """
+
+    stamp_ns: int
+    interval_ns: int
+    along: float
+    across: float
+    deviation: float
+
+
 class UnsuitableViews:
     """Detects unsuitable views by comparing the view of each camera with the camera's motion."""
 
@@ -76,8 +94,11 @@ class UnsuitableViews:
         self._alone: set[str] = set()  # covered cameras that stopped while others moved on
         self._static_ns: dict[str, int] = {}  # stamps at which views last were constant [ns]
         self._twists: list[_Motion] = []  # those of the last `GAP_NS`, and the last one
+        # Velocities that each camera itself measured in successive batches of the last `GAP_NS`.
+        self._shifts: dict[str, list[_Speed]] = {name: [] for name in self._sensors}
         # Deviations of the present velocities, over textures of known slope [m/s].
         self._own: dict[str, float] = {}
+        self._stamp_ns = 0  # of the newest readings
 
     def stopped(
         self, stamp_ns: int, readings: Mapping[str, SensorReading]
@@ -91,8 +112,9 @@ class UnsuitableViews:
             stamp_ns: stamp of the readings [ns].
             readings: readings of all cameras, keyed by name.
         """
-        if self._twists and stamp_ns < self._twists[-1].stamp_ns:  # the recording is played again
+        if stamp_ns < self._stamp_ns:  # the recording is played again
             self._start_anew()
+        self._stamp_ns = stamp_ns
         # An unknown slope of the texture falsifies the velocity, but a view that shifted at this
         # velocity must change all the same.
         self._own = {name: math.sqrt(reading.variance) for name, reading in readings.items()}
@@ -102,23 +124,23 @@ class UnsuitableViews:
             if stamp_ns - self._static_ns.get(name, stamp_ns) > GAP_NS:
                 self._covered.pop(name, None)
         self._static_ns |= dict.fromkeys(static, stamp_ns)
-        sudden = ""
+        sudden, since_ns = "", stamp_ns
         self._alone &= self._covered.keys()
         for name in static:
-            after, alone = self._stop(stamp_ns, name, readings)
+            after, alone, begun_ns = self._stop(stamp_ns, name, readings)
             reason = f"covered: its view does not change, {after}"
             if alone:
                 self._alone.add(name)
                 self._covered.setdefault(name, reason)
             elif after:
-                sudden = after
+                sudden, since_ns = after, begun_ns
                 self._covered[name] = reason
         if sudden:
             # A vehicle that cannot be at rest turns about one static view at most.
-            stopped = stamp_ns - self._twists[-1].stamp_ns + self._twists[-1].interval_ns
-            also = [n for n, r in static.items() if 1e9 * r.static_time < stopped]
+            also = [n for n, r in static.items() if 1e9 * r.static_time < stamp_ns - since_ns]
             reason = f"covered: its view does not change, like that of a camera {sudden}"
             self._covered = dict.fromkeys(also, reason) | self._covered
+        self._shifted(stamp_ns, readings)
         at_rest = len(static) == len(self._sensors)
         return {
             name: readings[name].rejected(reason)
@@ -130,7 +152,7 @@ class UnsuitableViews:
 
     def _stop(
         self, stamp_ns: int, name: str, readings: Mapping[str, SensorReading]
-    ) -> tuple[str, bool]:
+    ) -> tuple[str, bool, int]:
         """Return which motion shortly before a constant view excludes that the camera stopped.
 
         Args:
@@ -139,38 +161,60 @@ class UnsuitableViews:
             readings: readings of all cameras, keyed by name.
 
         Returns:
-            Description of the motion, empty if the camera may have stopped; and whether it is
-            excluded only because another camera moves on.
+            Description of the motion, empty if the camera may have stopped; whether it is excluded
+            only because another camera moves on; and when the motion was measured first [ns].
         """
-        static_time, other = readings[name].static_time, ""
-        for last in reversed(self._twists):
+        static_time, other = readings[name].static_time, ("", False, stamp_ns)
+        for last in self._speeds(name):
             stopping = stamp_ns - round(1e9 * static_time) - last.stamp_ns
-            if stopping < 0:
+            if stopping < 0 or not self._would_show(name, last.along, last.across, static_time):
                 continue
-            # A twist is a mean over its batch, which a vehicle that brakes reaches in the middle of
-            # the batch. A view without a measurement may only seem constant.
+            # A velocity is a mean over its batch, which a vehicle that brakes reaches in the middle
+            # of the batch. A view without a measurement may only seem constant.
             begun = 0.5 if readings[name].measured else 1.0
             elapsed = 1e-9 * (stopping + begun * last.interval_ns)
+            speed, uncertain = math.hypot(last.along, last.across), _CERTAIN * last.deviation
+            after = f"{1e3 * elapsed:.3g} ms after it moved at {speed:.3g} m/s"
+            since_ns = last.stamp_ns - last.interval_ns
+            if speed > _HARDEST_STOP * elapsed + uncertain:
+                return after, False, since_ns
+            if abs(last.along) > _HARDEST_TURN * elapsed + uncertain and self._moving_on(readings):
+                other = after, True, since_ns
+        return other
+
+    def _speeds(self, name: str) -> list[_Speed]:
+        """Return the velocities of a camera in the last `GAP_NS`: from twists, and its own ones."""
+        speeds = []
+        for last in reversed(self._twists):
             along, across = (float(v) for v in self._rows[name] @ last.twist)
             if last is not self._twists[-1]:
                 across = 0.0  # it may have become too slow to change the view
-            if not self._would_show(name, along, across, static_time):
-                continue
-            speed = math.hypot(along, across)
-            uncertain = _CERTAIN * last.deviations.get(name, 0.0)
-            after = f"{1e3 * elapsed:.3g} ms after it moved at {speed:.3g} m/s"
-            if speed > _HARDEST_STOP * elapsed + uncertain:
-                return after, False
-            if abs(along) > _HARDEST_TURN * elapsed + uncertain and self._moving_on(
-                readings, last.twist
-            ):
-                other = after
-        return other, bool(other)
+            deviation = last.deviations.get(name, 0.0)
+            speeds.append(_Speed(last.stamp_ns, last.interval_ns, along, across, deviation))
+        # The first one is not confirmed by another batch.
+        return speeds + self._shifts[name][:0:-1]
 
-    def _moving_on(self, readings: Mapping[str, SensorReading], twist: FloatArray) -> bool:
-        """Return whether a camera moves on along its axis at half the speed of a twist or more."""
-        for name, rows in self._rows.items():
-            last, reading = float(rows[0] @ twist), readings.get(name)
+    def _shifted(self, stamp_ns: int, readings: Mapping[str, SensorReading]) -> None:
+        """Store the velocities that the cameras measured themselves.
+
+        Args:
+            stamp_ns: stamp of the readings [ns].
+            readings: readings of all cameras, keyed by name.
+        """
+        for name in self._sensors:
+            reading = readings.get(name)
+            recent = [s for s in self._shifts[name] if stamp_ns - s.stamp_ns < GAP_NS]
+            if reading and reading.measured and reading.static_time == 0.0:
+                interval_ns = stamp_ns - recent[-1].stamp_ns if recent else GAP_NS
+                recent.append(
+                    _Speed(stamp_ns, interval_ns, reading.velocity, 0.0, self._own[name])
+                )
+            self._shifts[name] = recent
+
+    def _moving_on(self, readings: Mapping[str, SensorReading]) -> bool:
+        """Return whether a camera moves along its axis at half the speed of the last twist."""
+        for name, rows in self._rows.items() if self._twists else ():
+            last, reading = float(rows[0] @ self._twists[-1].twist), readings.get(name)
             if reading is None or not reading.measured or reading.static_time > 0.0:
                 continue
             certain = _CERTAIN * math.sqrt(reading.variance)
