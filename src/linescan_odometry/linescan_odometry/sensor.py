@@ -10,16 +10,18 @@ import math
 from collections.abc import Callable
 from functools import cache, partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from linescan_odometry.configuration import OdometryConfiguration
 from linescan_odometry.joint.estimator import JointEstimator
 from linescan_odometry.joint.maximum import SLOPE
-from linescan_odometry.joint.spectra import FixedPattern
-from linescan_odometry.keyframe import Keyframe
+from linescan_odometry.joint.spectra import SIGNIFICANT, FixedPattern
+from linescan_odometry.keyframe import Keyframe, kept
 from linescan_odometry.measurements import SensorReading, Unmeasured
 from linescan_odometry.pair_method import PairsMethod
+from linescan_odometry.paths_across import HARDEST_STOP
 from linescan_odometry.plausibility import Plausibility
 from linescan_odometry.references import References
 from omni_core.background import in_background
@@ -207,6 +209,7 @@ class SensorOdometry:
         self._finish_last: Callable[[], SensorReading | None] = lambda: None
         self._keyframe = Keyframe(sensor.pixels)
         self._static: tuple[int, Lines] | None = None  # stamp [ns] and oldest line of a static view
+        self._views: list[tuple[int, Lines]] = []  # stamps [ns] and newest lines of the last views
         self._plausibility = Plausibility(
             sensor, configuration.maximum_acceleration, configuration.median_tolerance
         )
@@ -253,18 +256,16 @@ class SensorOdometry:
                 raise Unmeasured(self._chain.remark)
         except Unmeasured as nothing:
             self._keyframe.reset()
-            return dataclasses.replace(
-                nothing.reading, static_time=self._static_time(stamp_ns, lines, 0.0)
-            )
+            return dataclasses.replace(nothing.reading, **self._constant(stamp_ns, lines, 0.0))
         velocity = displacement.value * self._scale
         if not self._chain.joined:
             self._keyframe.reset()
         decays = self._keyframe.compare(
             stamp_ns, self._chain.period_ns, displacement.rest, displacement.value
         )
-        static_time = self._static_time(stamp_ns, lines, displacement.value)
+        constant = self._constant(stamp_ns, lines, displacement.value)
         # The texture of a constant view was not seen to move, so its slope is unknown.
-        slope = max(displacement.slope, SLOPE if static_time > 0.0 else 0.0)
+        slope = max(displacement.slope, SLOPE if constant["static_time"] > 0.0 else 0.0)
         return SensorReading(
             velocity=velocity,
             variance=displacement.variance * self._scale**2 + (velocity * self._chain.stretch) ** 2,
@@ -272,11 +273,53 @@ class SensorOdometry:
             inlier_share=displacement.share,
             measured=True,
             remark="; ".join(filter(None, (self._chain.remark, displacement.remark))),
-            static_time=static_time,
             slope=slope,
             features=displacement.features,
             decays=decays,
+            **constant,
         )
+
+    def _constant(self, stamp_ns: int, lines: Lines, displacement: float) -> dict[str, Any]:
+        """Return the attributes `static_time` and `replaced` of a reading.
+
+        Args:
+            stamp_ns: time of exposure of the newest line [ns].
+            lines: consecutive lines, oldest first, shape (m + 1, n).
+            displacement: mean displacement per line [px]; 0 if unknown.
+        """
+        static_time = self._static_time(stamp_ns, lines, displacement)
+        span, replaced = len(lines) - 1, False
+        # A vehicle that can stop takes this time for the last half of the width of the view.
+        longest = math.sqrt(self._sensor.width / HARDEST_STOP)
+        views = [view for view in self._views if 0 < stamp_ns - view[0] < 1e9 * longest]
+        self._views = [*views, (stamp_ns, lines[-1])]
+        if span >= _STATIC_PAIRS and abs(displacement) * span <= _STATIC_DISPLACEMENT:
+            for number in (1, span // 3, span // 2):
+                age_ns = round((span - number) * self._chain.period_ns)
+                views.append((stamp_ns - age_ns, lines[number]))
+            if static_time < longest and _lost(lines[-2:], views[0][1], 1):
+                replaced = self._replaced(stamp_ns, lines[-2:], views)
+        return {"static_time": static_time, "replaced": replaced}
+
+    def _replaced(self, stamp_ns: int, newest: Lines, views: list[tuple[int, Lines]]) -> bool:
+        """Return whether a view that is constant now was another one shortly before.
+
+        It was if half of its texture appeared within less time than a vehicle takes for the last
+        half of a width of the view before it stops.
+
+        Args:
+            stamp_ns: stamp of the newest line [ns].
+            newest: two consecutive lines, shape (2, n).
+            views: stamps [ns] and lines before them, oldest first.
+        """
+        since = stamp_ns
+        for seen, line in reversed(views):
+            age = 1e-9 * (since - seen)
+            path = 0.5 * HARDEST_STOP * age**2
+            if _lost(newest, line, 1 + int(path / self._sensor.pixel_pitch)):
+                return age < math.sqrt(self._sensor.width / HARDEST_STOP) and since < stamp_ns
+            since = seen
+        return False
 
     def _static_time(self, stamp_ns: int, lines: Lines, displacement: float) -> float:
         """Return for how long the lines have not changed [s]; 0 if they changed within this batch.
@@ -300,6 +343,18 @@ class SensorOdometry:
             oldest = before
         self._static = oldest
         return 1e-9 * (stamp_ns - oldest[0])
+
+
+def _lost(newest: Lines, line: Lines, reach: int) -> bool:
+    """Return whether a line certainly shows less than half of the texture of newer lines.
+
+    Args:
+        newest: two consecutive lines, shape (2, n).
+        line: older line, shape (n,).
+        reach: largest shift between them [px].
+    """
+    share, error = kept(newest, line, reach)
+    return share + SIGNIFICANT * error < 0.5
 
 
 def _correlation(one: Lines, other: Lines) -> float:

@@ -14,7 +14,7 @@ import numpy as np
 
 from linescan_odometry.joint.spectra import SIGNIFICANT
 from linescan_odometry.measurements import SensorReading
-from linescan_odometry.paths_across import GAP_NS, PathsAcross
+from linescan_odometry.paths_across import GAP_NS, HARDEST_STOP, PathsAcross
 from linescan_odometry.textures import Textures
 from omni_core.quantities import FloatArray
 from omni_core.sensors import LineSensor, velocity_row
@@ -23,7 +23,6 @@ from omni_core.sensors import LineSensor, velocity_row
 # view remains, which no longer counts as static (`sensor.py`).
 _STILL_SHARE = 0.5
 _STILL_PIXELS = 2.0  # px; after this motion along the axis a view must change
-_HARDEST_STOP = 15.0  # m/s^2; a hard stop on a dry road reaches 10
 # m/s^2; hardest stop of one camera while others move on: 5 rad/s^2 between cameras 1 m apart
 _HARDEST_TURN = 5.0
 _CERTAIN = 4.0  # standard deviations by which a stop must be too hard
@@ -135,6 +134,8 @@ class UnsuitableViews:
             elif after:
                 sudden, since_ns = after, begun_ns
                 self._covered[name] = reason
+            elif readings[name].replaced:
+                self._covered[name] = "covered: its view was replaced by one that does not change"
         if sudden:
             # A vehicle that cannot be at rest turns about one static view at most.
             also = [n for n, r in static.items() if 1e9 * r.static_time < stamp_ns - since_ns]
@@ -176,7 +177,7 @@ class UnsuitableViews:
             speed, uncertain = math.hypot(last.along, last.across), _CERTAIN * last.deviation
             after = f"{1e3 * elapsed:.3g} ms after it moved at {speed:.3g} m/s"
             since_ns = last.stamp_ns - last.interval_ns
-            if speed > _HARDEST_STOP * elapsed + uncertain:
+            if speed > HARDEST_STOP * elapsed + uncertain:
                 return after, False, since_ns
             if abs(last.along) > _HARDEST_TURN * elapsed + uncertain and self._moving_on(readings):
                 other = after, True, since_ns
@@ -368,7 +369,7 @@ class UnsuitableViews:
 def _is_static(reading: SensorReading) -> bool:
     """Return whether the view of a camera does not change, and its texture does not leave it."""
     if reading.static_time == 0.0 or reading.unmatched:
-        return False
+        return reading.replaced
     kept = [decay for decay in reading.decays if decay.age <= reading.static_time]
     return all(decay.most + SIGNIFICANT * math.sqrt(decay.variance) >= 1.0 for decay in kept)
 
