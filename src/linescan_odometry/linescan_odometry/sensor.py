@@ -256,7 +256,9 @@ class SensorOdometry:
                 raise Unmeasured(self._chain.remark)
         except Unmeasured as nothing:
             self._keyframe.reset()
-            return dataclasses.replace(nothing.reading, **self._constant(stamp_ns, lines, 0.0))
+            constant = self._constant(stamp_ns, lines, 0.0)
+            constant["replaced"] = constant["replaced"] and constant["static_time"] > 0.0
+            return dataclasses.replace(nothing.reading, **constant)
         velocity = displacement.value * self._scale
         if not self._chain.joined:
             self._keyframe.reset()
@@ -291,17 +293,22 @@ class SensorOdometry:
         span, replaced = len(lines) - 1, False
         # A vehicle that can stop takes this time for the last half of the width of the view.
         longest = math.sqrt(self._sensor.width / HARDEST_STOP)
-        views = [view for view in self._views if 0 < stamp_ns - view[0] < 1e9 * longest]
+        # Older views show whether the view before the present one was another one only for a while.
+        views = [view for view in self._views if 0 < stamp_ns - view[0] < 2e9 * longest]
         self._views = [*views, (stamp_ns, lines[-1])]
-        if span >= _STATIC_PAIRS and abs(displacement) * span <= _STATIC_DISPLACEMENT:
-            for number in (1, span // 3, span // 2):
+        duration, pitch = 1e-9 * span * self._chain.period_ns, self._sensor.pixel_pitch
+        stopping = 0.5 * HARDEST_STOP * duration**2
+        if span >= _STATIC_PAIRS and abs(displacement) * span * pitch <= stopping:
+            for number in (1, span // 3, 2 * span // 3):
                 age_ns = round((span - number) * self._chain.period_ns)
                 views.append((stamp_ns - age_ns, lines[number]))
-            if static_time < longest and _lost(lines[-2:], views[0][1], 1):
-                replaced = self._replaced(stamp_ns, lines[-2:], views)
+            if static_time < longest and _shares(lines[-2:], views[0][1], 1)[1] < 0.5:
+                replaced = self._replaced(stamp_ns, lines[-2:], views, abs(displacement))
         return {"static_time": static_time, "replaced": replaced}
 
-    def _replaced(self, stamp_ns: int, newest: Lines, views: list[tuple[int, Lines]]) -> bool:
+    def _replaced(
+        self, stamp_ns: int, newest: Lines, views: list[tuple[int, Lines]], displacement: float
+    ) -> bool:
         """Return whether a view that is constant now was another one shortly before.
 
         It was if half of its texture appeared within less time than a vehicle takes for the last
@@ -311,14 +318,18 @@ class SensorOdometry:
             stamp_ns: stamp of the newest line [ns].
             newest: two consecutive lines, shape (2, n).
             views: stamps [ns] and lines before them, oldest first.
+            displacement: magnitude of the displacement per line [px].
         """
-        since = stamp_ns
+        since, constant = stamp_ns, False
         for seen, line in reversed(views):
-            age = 1e-9 * (since - seen)
-            path = 0.5 * HARDEST_STOP * age**2
-            if _lost(newest, line, 1 + int(path / self._sensor.pixel_pitch)):
-                return age < math.sqrt(self._sensor.width / HARDEST_STOP) and since < stamp_ns
-            since = seen
+            elapsed = 1e-9 * (stamp_ns - seen)  # the vehicle may have stopped at the end of it
+            path = 0.5 * HARDEST_STOP * elapsed**2 / self._sensor.pixel_pitch
+            path += displacement * elapsed * self._sensor.line_rate
+            least, most = _shares(newest, line, 1 + int(path))
+            if most < 0.5:
+                limit = math.sqrt(self._sensor.width / HARDEST_STOP)
+                return constant and 1e-9 * (since - seen) < limit
+            since, constant = seen, constant or least > 0.5
         return False
 
     def _static_time(self, stamp_ns: int, lines: Lines, displacement: float) -> float:
@@ -345,8 +356,8 @@ class SensorOdometry:
         return 1e-9 * (stamp_ns - oldest[0])
 
 
-def _lost(newest: Lines, line: Lines, reach: int) -> bool:
-    """Return whether a line certainly shows less than half of the texture of newer lines.
+def _shares(newest: Lines, line: Lines, reach: int) -> tuple[float, float]:
+    """Return the least and the largest share of the texture of newer lines in an older one [1].
 
     Args:
         newest: two consecutive lines, shape (2, n).
@@ -354,7 +365,7 @@ def _lost(newest: Lines, line: Lines, reach: int) -> bool:
         reach: largest shift between them [px].
     """
     share, error = kept(newest, line, reach)
-    return share + SIGNIFICANT * error < 0.5
+    return share - SIGNIFICANT * error, share + SIGNIFICANT * error
 
 
 def _correlation(one: Lines, other: Lines) -> float:
