@@ -165,11 +165,11 @@ def _differentiate(line: Float32Array, step: int, gradient: Float32Array) -> Non
 
 
 def kept(new: Lines, old: Lines, reach: int) -> tuple[float, float]:
-    """Return the share of the texture of two equal lines that an older line shows [1], and its error.
+    """Return the share of the texture of a constant view that an older line shows, and its error.
 
     The texture is relative to the mean gray level. The result is the largest regression coefficient
-    of the gradients of the older line on those of the new ones, and its standard deviation, which
-    is infinite if the new lines show no texture.
+    of the gradients of the older line on those of the new ones [1], and its standard deviation,
+    which is infinite if the new lines show no texture.
 
     Args:
         new: two consecutive lines of a constant view, shape (2, n).

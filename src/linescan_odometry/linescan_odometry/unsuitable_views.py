@@ -207,9 +207,7 @@ class UnsuitableViews:
             recent = [s for s in self._shifts[name] if stamp_ns - s.stamp_ns < GAP_NS]
             if reading and reading.measured and reading.static_time == 0.0:
                 interval_ns = stamp_ns - recent[-1].stamp_ns if recent else GAP_NS
-                recent.append(
-                    _Speed(stamp_ns, interval_ns, reading.velocity, 0.0, self._own[name])
-                )
+                recent.append(_Speed(stamp_ns, interval_ns, reading.velocity, 0.0, self._own[name]))
             self._shifts[name] = recent
 
     def _moving_on(self, readings: Mapping[str, SensorReading]) -> bool:
