@@ -256,8 +256,7 @@ class SensorOdometry:
                 raise Unmeasured(self._chain.remark)
         except Unmeasured as nothing:
             self._keyframe.reset()
-            constant = self._constant(stamp_ns, lines, 0.0)
-            constant["replaced"] = constant["replaced"] and constant["static_time"] > 0.0
+            constant = self._constant(stamp_ns, lines, None)
             return dataclasses.replace(nothing.reading, **constant)
         velocity = displacement.value * self._scale
         if not self._chain.joined:
@@ -281,29 +280,30 @@ class SensorOdometry:
             **constant,
         )
 
-    def _constant(self, stamp_ns: int, lines: Lines, displacement: float) -> dict[str, Any]:
+    def _constant(self, stamp_ns: int, lines: Lines, displacement: float | None) -> dict[str, Any]:
         """Return the attributes `static_time` and `replaced` of a reading.
 
         Args:
             stamp_ns: time of exposure of the newest line [ns].
             lines: consecutive lines, oldest first, shape (m + 1, n).
-            displacement: mean displacement per line [px]; 0 if unknown.
+            displacement: mean displacement per line [px]; None if it was not measured.
         """
-        static_time = self._static_time(stamp_ns, lines, displacement)
-        span, replaced = len(lines) - 1, False
+        static_time = self._static_time(stamp_ns, lines, displacement or 0.0)
+        span, replaced, step = len(lines) - 1, False, abs(displacement or 0.0)
         # A vehicle that can stop takes this time for the last half of the width of the view.
         longest = math.sqrt(self._sensor.width / HARDEST_STOP)
         # Older views show whether the view before the present one was another one only for a while.
         views = [view for view in self._views if 0 < stamp_ns - view[0] < 2e9 * longest]
         self._views = [*views, (stamp_ns, lines[-1])]
         duration, pitch = 1e-9 * span * self._chain.period_ns, self._sensor.pixel_pitch
-        stopping = 0.5 * HARDEST_STOP * duration**2
-        if span >= _STATIC_PAIRS and abs(displacement) * span * pitch <= stopping:
+        seen = static_time > 0.0 or displacement is not None
+        stopping = step * span * pitch <= 0.5 * HARDEST_STOP * duration**2
+        if span >= _STATIC_PAIRS and static_time < longest and seen and stopping:
             for number in (1, span // 3, 2 * span // 3):
                 age_ns = round((span - number) * self._chain.period_ns)
                 views.append((stamp_ns - age_ns, lines[number]))
-            if static_time < longest and _shares(lines[-2:], views[0][1], 1)[1] < 0.5:
-                replaced = self._replaced(stamp_ns, lines[-2:], views, abs(displacement))
+            if _shares(lines[-2:], views[0][1], 1)[1] < 0.5:
+                replaced = self._replaced(stamp_ns, lines[-2:], views, step)
         return {"static_time": static_time, "replaced": replaced}
 
     def _replaced(
