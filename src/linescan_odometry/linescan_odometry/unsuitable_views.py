@@ -54,6 +54,7 @@ class _Speed(NamedTuple):
         along: velocity along the camera's axis [m/s].
         across: velocity across the axis [m/s]; 0 if it is unknown.
         deviation: standard deviation of `along`, over a texture of known slope [m/s].
+        own: whether the camera itself measured it; otherwise, it follows from a twist.
     """
 
     stamp_ns: int
@@ -61,6 +62,7 @@ class _Speed(NamedTuple):
     along: float
     across: float
     deviation: float
+    own: bool
 
 
 class UnsuitableViews:
@@ -90,7 +92,9 @@ class UnsuitableViews:
         self._paths.clear()
         self._covered: dict[str, str] = {}
         self._textures.reset()
-        self._alone: set[str] = set()  # covered cameras that stopped while others moved on
+        # Covered cameras whose view may also be that of a vehicle at rest: they stopped while
+        # others moved on, or only they saw a motion.
+        self._alone: set[str] = set()
         self._static_ns: dict[str, int] = {}  # stamps at which views last were constant [ns]
         self._twists: list[_Motion] = []  # those of the last `GAP_NS`, and the last one
         # Velocities that each camera itself measured in successive batches of the last `GAP_NS`.
@@ -135,14 +139,17 @@ class UnsuitableViews:
                 sudden, since_ns = after, begun_ns
                 self._covered[name] = reason
             elif readings[name].replaced:
-                self._covered[name] = "covered: its view was replaced by one that does not change"
+                self._alone.add(name)
+                reason = "covered: its view was replaced by one that does not change"
+                self._covered.setdefault(name, reason)
         if sudden:
             # A vehicle that cannot be at rest turns about one static view at most.
             also = [n for n, r in static.items() if 1e9 * r.static_time < stamp_ns - since_ns]
             reason = f"covered: its view does not change, like that of a camera {sudden}"
             self._covered = dict.fromkeys(also, reason) | self._covered
         self._shifted(stamp_ns, readings)
-        at_rest = len(static) == len(self._sensors)
+        resting = self._sensors.keys() & {n for n, r in static.items() if r.measured}
+        at_rest = 1 < len(resting) == len(self._sensors)
         return {
             name: readings[name].rejected(reason)
             for name, reason in self._covered.items()
@@ -163,7 +170,8 @@ class UnsuitableViews:
 
         Returns:
             Description of the motion, empty if the camera may have stopped; whether it is excluded
-            only because another camera moves on; and when the motion was measured first [ns].
+            only because another camera moves on, or by the camera's own velocity; and when the
+            motion began at the latest [ns].
         """
         static_time, other = readings[name].static_time, ("", False, stamp_ns)
         for last in self._speeds(name):
@@ -178,7 +186,7 @@ class UnsuitableViews:
             after = f"{1e3 * elapsed:.3g} ms after it moved at {speed:.3g} m/s"
             since_ns = last.stamp_ns - last.interval_ns
             if speed > HARDEST_STOP * elapsed + uncertain:
-                return after, False, since_ns
+                return after, last.own, since_ns
             if abs(last.along) > _HARDEST_TURN * elapsed + uncertain and self._moving_on(readings):
                 other = after, True, since_ns
         return other
@@ -191,7 +199,7 @@ class UnsuitableViews:
             if last is not self._twists[-1]:
                 across = 0.0  # it may have become too slow to change the view
             deviation = last.deviations.get(name, 0.0)
-            speeds.append(_Speed(last.stamp_ns, last.interval_ns, along, across, deviation))
+            speeds.append(_Speed(last.stamp_ns, last.interval_ns, along, across, deviation, False))
         # The first one is not confirmed by another batch.
         return speeds + self._shifts[name][:0:-1]
 
@@ -207,7 +215,8 @@ class UnsuitableViews:
             recent = [s for s in self._shifts[name] if stamp_ns - s.stamp_ns < GAP_NS]
             if reading and reading.measured and reading.static_time == 0.0:
                 interval_ns = stamp_ns - recent[-1].stamp_ns if recent else GAP_NS
-                recent.append(_Speed(stamp_ns, interval_ns, reading.velocity, 0.0, self._own[name]))
+                own = _Speed(stamp_ns, interval_ns, reading.velocity, 0.0, self._own[name], True)
+                recent.append(own)
             self._shifts[name] = recent
 
     def _moving_on(self, readings: Mapping[str, SensorReading]) -> bool:

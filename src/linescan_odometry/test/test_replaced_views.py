@@ -85,13 +85,18 @@ def test_a_camera_that_measured_a_motion_twice_cannot_stop_at_once(
     assert bool(views.stopped(stamp_ns, {"eye": still})) == covered
 
 
-def test_a_replaced_view_stays_covered_until_it_changes() -> None:
-    views = UnsuitableViews({"eye": CAMERA})
+@pytest.mark.parametrize("measured", [True, False])
+def test_a_replaced_view_stays_covered_unless_all_others_are_at_rest(measured: bool) -> None:
+    """A camera under which something passes measures the rest of the vehicle again."""
+    views = UnsuitableViews({"eye": CAMERA, "other": CAMERA})
     still = SensorReading(0.0, 1e-6, 1.0, 1.0, True, static_time=0.0096)
     moving = dataclasses.replace(still, velocity=1.0, static_time=0.0)
+    blind = SensorReading.unmeasured("low texture")
     named = []
     for number in range(20):
         reading = still if number < 8 else moving
         reading = dataclasses.replace(reading, replaced=number == 2)
-        named.append(bool(views.stopped(10**9 + number * 10**7, {"eye": reading})))
-    assert named == 2 * [False] + 11 * [True] + 7 * [False]
+        found = {"eye": reading, "other": still if measured else blind}
+        named.append(bool(views.stopped(10**9 + number * 10**7, found)))
+    covered = [False] * 8 if measured else 2 * [False] + 6 * [True]
+    assert named == covered + 5 * [True] + 7 * [False]
