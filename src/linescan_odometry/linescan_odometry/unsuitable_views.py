@@ -2,8 +2,9 @@
 
 If a camera is occluded, for example by a lid or by dirt on the lens, its lines match perfectly at
 zero displacement, but so do lines of the ground at rest and in motion across the axis. A camera
-therefore counts as occluded only in two cases: its view becomes constant sooner than a vehicle can
-stop (at most 15 m/s^2), or its view does not change although the camera moves.
+therefore counts as occluded only in three cases: its view becomes constant sooner than a vehicle
+can stop (at most 15 m/s^2), a constant view replaces another one sooner than a vehicle can stop
+within half a width of the view, or the view does not change although the camera moves.
 """
 
 import math
@@ -148,7 +149,7 @@ class UnsuitableViews:
             reason = f"covered: its view does not change, like that of a camera {sudden}"
             self._covered = dict.fromkeys(also, reason) | self._covered
         self._shifted(stamp_ns, readings)
-        resting = self._sensors.keys() & {n for n, r in static.items() if r.measured}
+        resting = [name for name, reading in static.items() if reading.measured]
         at_rest = 1 < len(resting) == len(self._sensors)
         return {
             name: readings[name].rejected(reason)
