@@ -256,8 +256,7 @@ class SensorOdometry:
                 raise Unmeasured(self._chain.remark)
         except Unmeasured as nothing:
             self._keyframe.reset()
-            constant = self._constant(stamp_ns, lines, None)
-            return dataclasses.replace(nothing.reading, **constant)
+            return dataclasses.replace(nothing.reading, **self._constant(stamp_ns, lines, 0.0))
         velocity = displacement.value * self._scale
         if not self._chain.joined:
             self._keyframe.reset()
@@ -280,56 +279,47 @@ class SensorOdometry:
             **constant,
         )
 
-    def _constant(self, stamp_ns: int, lines: Lines, displacement: float | None) -> dict[str, Any]:
+    def _constant(self, stamp_ns: int, lines: Lines, displacement: float) -> dict[str, Any]:
         """Return the attributes `static_time` and `replaced` of a reading.
 
         Args:
             stamp_ns: time of exposure of the newest line [ns].
             lines: consecutive lines, oldest first, shape (m + 1, n).
-            displacement: mean displacement per line [px]; None if it was not measured.
+            displacement: mean displacement per line [px]; 0 if unknown.
         """
-        static_time = self._static_time(stamp_ns, lines, displacement or 0.0)
-        span, replaced, step = len(lines) - 1, False, abs(displacement or 0.0)
-        # A vehicle that can stop takes this time for the last half of the width of the view.
+        static_time, replaced = self._static_time(stamp_ns, lines, displacement), False
+        # A vehicle that can stop takes this time for the last half of the width of the view. Views
+        # of twice this time show whether the one before was another one only for a while.
         longest = math.sqrt(self._sensor.width / HARDEST_STOP)
-        # Older views show whether the view before the present one was another one only for a while.
         views = [view for view in self._views if 0 < stamp_ns - view[0] < 2e9 * longest]
         self._views = [*views, (stamp_ns, lines[-1])]
-        duration, pitch = 1e-9 * span * self._chain.period_ns, self._sensor.pixel_pitch
-        seen = static_time > 0.0 or displacement is not None
-        stopping = step * span * pitch <= 0.5 * HARDEST_STOP * duration**2
-        if span >= _STATIC_PAIRS and static_time < longest and seen and stopping:
-            for number in (1, span // 3, 2 * span // 3):
-                age_ns = round((span - number) * self._chain.period_ns)
-                views.append((stamp_ns - age_ns, lines[number]))
-            if _shares(lines[-2:], views[0][1], 1)[1] < 0.5:
-                replaced = self._replaced(stamp_ns, lines[-2:], views, step)
+        if views and 0.0 < static_time < longest:
+            share, error = kept(lines[-2:], views[0][1], 1)
+            if share + SIGNIFICANT * error < 0.5:
+                replaced = self._replaced(stamp_ns, lines, views)
         return {"static_time": static_time, "replaced": replaced}
 
-    def _replaced(
-        self, stamp_ns: int, newest: Lines, views: list[tuple[int, Lines]], displacement: float
-    ) -> bool:
+    def _replaced(self, stamp_ns: int, lines: Lines, views: list[tuple[int, Lines]]) -> bool:
         """Return whether a view that is constant now was another one shortly before.
 
-        It was if half of its texture appeared within less time than a vehicle takes for the last
-        half of a width of the view before it stops.
+        It was if it lost more of its texture between two of the views than a constant view and a
+        vehicle that stops may lose.
 
         Args:
             stamp_ns: stamp of the newest line [ns].
-            newest: two consecutive lines, shape (2, n).
+            lines: lines of the constant view, oldest first, shape (m + 1, n).
             views: stamps [ns] and lines before them, oldest first.
-            displacement: magnitude of the displacement per line [px].
         """
-        since, constant = stamp_ns, False
+        sensor, held, since = self._sensor, 1.0, stamp_ns
+        lost = (1.0 - _STATIC_SHARE) / (1e-9 * (len(lines) - 1) * self._chain.period_ns)  # per s
         for seen, line in reversed(views):
-            elapsed = 1e-9 * (stamp_ns - seen)  # the vehicle may have stopped at the end of it
-            path = 0.5 * HARDEST_STOP * elapsed**2 / self._sensor.pixel_pitch
-            path += displacement * elapsed * self._sensor.line_rate
-            least, most = _shares(newest, line, 1 + int(path))
-            if most < 0.5:
-                limit = math.sqrt(self._sensor.width / HARDEST_STOP)
-                return constant and 1e-9 * (since - seen) < limit
-            since, constant = seen, constant or least > 0.5
+            elapsed, gap = 1e-9 * (stamp_ns - seen), 1e-9 * (since - seen)
+            reach = 1 + int(0.5 * HARDEST_STOP * elapsed**2 / sensor.pixel_pitch)
+            share, error = kept(lines[-2:], line, reach)
+            allowed = lost * gap + 0.5 * HARDEST_STOP * gap**2 / sensor.width
+            if held - share > allowed + SIGNIFICANT * math.sqrt(2.0) * error:
+                return True
+            held, since = min(share, 1.0), seen
         return False
 
     def _static_time(self, stamp_ns: int, lines: Lines, displacement: float) -> float:
@@ -354,18 +344,6 @@ class SensorOdometry:
             oldest = before
         self._static = oldest
         return 1e-9 * (stamp_ns - oldest[0])
-
-
-def _shares(newest: Lines, line: Lines, reach: int) -> tuple[float, float]:
-    """Return the least and the largest share of the texture of newer lines in an older one [1].
-
-    Args:
-        newest: two consecutive lines, shape (2, n).
-        line: older line, shape (n,).
-        reach: largest shift between them [px].
-    """
-    share, error = kept(newest, line, reach)
-    return share - SIGNIFICANT * error, share + SIGNIFICANT * error
 
 
 def _correlation(one: Lines, other: Lines) -> float:

@@ -377,7 +377,7 @@ class UnsuitableViews:
 def _is_static(reading: SensorReading) -> bool:
     """Return whether the view of a camera does not change, and its texture does not leave it."""
     if reading.static_time == 0.0 or reading.unmatched:
-        return reading.replaced
+        return False
     kept = [decay for decay in reading.decays if decay.age <= reading.static_time]
     return all(decay.most + SIGNIFICANT * math.sqrt(decay.variance) >= 1.0 for decay in kept)
 
