@@ -3,8 +3,8 @@
 If a camera is occluded, for example by a lid or by dirt on the lens, its lines match perfectly at
 zero displacement, but so do lines of the ground at rest and in motion across the axis. A camera
 therefore counts as occluded only in three cases: its view becomes constant sooner than a vehicle
-can stop (at most 15 m/s^2), a constant view replaces another one sooner than a vehicle can stop
-within half a width of the view, or the view does not change although the camera moves.
+can stop (at most 15 m/s^2), a constant view replaces another one, of which more would remain after
+any stop, or the view does not change although the camera moves.
 """
 
 import math
