@@ -180,8 +180,9 @@ class UnsuitableViews:
             if stopping < 0 or not self._would_show(name, last.along, last.across, static_time):
                 continue
             # A velocity is a mean over its batch, which a vehicle that brakes reaches in the middle
-            # of the batch. A view without a measurement may only seem constant.
-            begun = 0.5 if readings[name].measured else 1.0
+            # of the batch. A view without a measurement may only seem constant, and so may the
+            # coarse texture of a single camera that still creeps.
+            begun = 0.5 if readings[name].measured and not last.own else 1.0
             elapsed = 1e-9 * (stopping + begun * last.interval_ns)
             speed, uncertain = math.hypot(last.along, last.across), _CERTAIN * last.deviation
             after = f"{1e3 * elapsed:.3g} ms after it moved at {speed:.3g} m/s"

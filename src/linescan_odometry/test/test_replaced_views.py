@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -19,7 +20,7 @@ from omni_core.signals import LineBatch
 
 PIXELS, BATCH = 512, 25
 CAMERA = LineSensor(x=0.0, y=0.0, heading_deg=0.0, pixels=PIXELS)
-Levels = NDArray[np.float64]
+Levels = NDArray[Any]
 
 
 def three() -> dict[str, LineSensor]:
@@ -32,7 +33,9 @@ def ground(shifts: Levels, contrast: float, seed: int = 1) -> Levels:
     """Return lines of a ground, shape (m, PIXELS), at shifts along the axis [px]."""
     rows = gaussian_filter1d(np.random.default_rng(seed).normal(size=8 * PIXELS), 4.0)
     places = np.arange(PIXELS) + 2.0 * PIXELS + shifts[:, None]
-    return 110.0 + contrast / rows.std() * np.interp(places, np.arange(len(rows)), rows)
+    seen: Levels = np.interp(places, np.arange(len(rows)), rows)
+    levels: Levels = 110.0 + contrast / rows.std() * seen
+    return levels
 
 
 def readings(levels: Levels) -> list[SensorReading]:
