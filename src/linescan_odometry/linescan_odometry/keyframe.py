@@ -186,9 +186,11 @@ def kept(new: Lines, old: Lines, reach: int) -> tuple[float, float]:
     products = np.correlate(before, inner)
     if not texture > 0.0:
         return 0.0, math.inf
-    independent = 1.5 * len(one) / step  # as in `_compare`
-    error = math.sqrt(float(before @ before) * float(one @ one) / independent) / texture
-    return float(products.max()) / texture * len(one) / len(inner), error
+    share = float(products.max()) / texture * len(one) / len(inner)
+    # Noise changes both the product and the texture; 1.5 / step as in `_compare`.
+    power = float(before @ before) + share**2 * float(other @ other)
+    error = math.sqrt(power * float(one @ one) * step / (1.5 * len(one))) / texture
+    return share, error
 
 
 class _Common(NamedTuple):
