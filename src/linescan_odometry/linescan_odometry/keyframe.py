@@ -165,6 +165,35 @@ def _differentiate(line: Float32Array, step: int, gradient: Float32Array) -> Non
         gradient[i] = min(max(gradient[i], -limit), limit)
 
 
+def kept(new: Lines, old: Lines, reach: int) -> tuple[float, float]:
+    """Return the share of the texture of a constant view that an older line shows, and its error.
+
+    The texture is relative to the mean gray level. The result is the largest regression coefficient
+    of the gradients of the older line on those of the new ones [1], and its standard deviation,
+    which is infinite if the new lines show no texture.
+
+    Args:
+        new: two consecutive lines of a constant view, shape (2, n).
+        old: older line, shape (n,).
+        reach: largest shift between the older line and the new ones [px].
+    """
+    step = 4 if len(old) > 512 else 2
+    gradients = np.zeros((3, max(len(old) - 2 * step + 1, 1)), np.float32)
+    for line, gradient in zip((*new, old), gradients, strict=True):
+        _differentiate(line / np.float32(max(line.mean(), 1.0)), step, gradient)
+    one, other, before = gradients
+    reach = min(reach, len(one) // 4)
+    texture, inner = float(one @ other), one[reach : len(one) - reach]
+    products = np.correlate(before, inner)
+    if not texture > 0.0:
+        return 0.0, math.inf
+    share = float(products.max()) / texture * len(one) / len(inner)
+    # Noise changes both the product and the texture; 1.5 / step as in `_compare`.
+    power = float(before @ before) + share**2 * float(other @ other)
+    error = math.sqrt(power * float(one @ one) * step / (1.5 * len(one))) / texture
+    return share, error
+
+
 class _Common(NamedTuple):
     """What two groups have in common.
 

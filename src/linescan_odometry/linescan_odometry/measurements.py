@@ -86,6 +86,7 @@ class SensorReading:
             the axis [1]; the odometry adds its effect to the variance.
         features: effective number of independent features that move with the displacement.
         decays: loss of texture within the batch, and since an earlier batch.
+        replaced: whether the view is constant, but was another one shortly before.
     """
 
     velocity: float
@@ -100,6 +101,7 @@ class SensorReading:
     slope: float = 0.0
     features: float = 1.0
     decays: tuple[Decay, ...] = ()
+    replaced: bool = False
 
     @classmethod
     def unmeasured(

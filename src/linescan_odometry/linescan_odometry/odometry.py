@@ -14,7 +14,7 @@ import numpy as np
 
 from linescan_odometry import measurements
 from linescan_odometry.configuration import OdometryConfiguration
-from linescan_odometry.keyframe import Keyframe
+from linescan_odometry.keyframe import Keyframe, kept
 from linescan_odometry.measurements import FlowReading, SensorReading, TwistEstimate
 from linescan_odometry.sensor import SensorOdometry
 from linescan_odometry.twist.flow import FlowMonitor
@@ -165,6 +165,7 @@ class LineScanOdometry:
             keyframe = Keyframe(sensor.pixels)
             for stamp_ns in (0, 1):
                 keyframe.compare(stamp_ns, 1.0, moving, 1.0)
+            kept(at_rest[:2].astype(np.uint16), at_rest[0].astype(np.uint16), 1)
 
     def _read(self, name: str, batch: LineBatch | None) -> SensorReading:
         if batch is None:

@@ -11,6 +11,9 @@ GAP_NS = 50_000_000
 """Limit on the time without a twist over which the motion is extrapolated, and time for which the
 view of an occluded camera must change before the camera is used again [ns]."""
 
+HARDEST_STOP = 15.0
+"""Limit on the deceleration of a vehicle [m/s^2]; a hard stop on a dry road reaches 10."""
+
 _REMEMBERED_NS = 1_280_000_000  # ns; longer than the largest age of a keyframe
 
 

@@ -10,16 +10,18 @@ import math
 from collections.abc import Callable
 from functools import cache, partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from linescan_odometry.configuration import OdometryConfiguration
 from linescan_odometry.joint.estimator import JointEstimator
 from linescan_odometry.joint.maximum import SLOPE
-from linescan_odometry.joint.spectra import FixedPattern
-from linescan_odometry.keyframe import Keyframe
+from linescan_odometry.joint.spectra import SIGNIFICANT, FixedPattern
+from linescan_odometry.keyframe import Keyframe, kept
 from linescan_odometry.measurements import SensorReading, Unmeasured
 from linescan_odometry.pair_method import PairsMethod
+from linescan_odometry.paths_across import HARDEST_STOP
 from linescan_odometry.plausibility import Plausibility
 from linescan_odometry.references import References
 from omni_core.background import in_background
@@ -207,6 +209,7 @@ class SensorOdometry:
         self._finish_last: Callable[[], SensorReading | None] = lambda: None
         self._keyframe = Keyframe(sensor.pixels)
         self._static: tuple[int, Lines] | None = None  # stamp [ns] and oldest line of a static view
+        self._views: list[tuple[int, Lines]] = []  # stamps [ns] and newest lines of the last views
         self._plausibility = Plausibility(
             sensor, configuration.maximum_acceleration, configuration.median_tolerance
         )
@@ -253,18 +256,16 @@ class SensorOdometry:
                 raise Unmeasured(self._chain.remark)
         except Unmeasured as nothing:
             self._keyframe.reset()
-            return dataclasses.replace(
-                nothing.reading, static_time=self._static_time(stamp_ns, lines, 0.0)
-            )
+            return dataclasses.replace(nothing.reading, **self._constant(stamp_ns, lines, 0.0))
         velocity = displacement.value * self._scale
         if not self._chain.joined:
             self._keyframe.reset()
         decays = self._keyframe.compare(
             stamp_ns, self._chain.period_ns, displacement.rest, displacement.value
         )
-        static_time = self._static_time(stamp_ns, lines, displacement.value)
+        constant = self._constant(stamp_ns, lines, displacement.value)
         # The texture of a constant view was not seen to move, so its slope is unknown.
-        slope = max(displacement.slope, SLOPE if static_time > 0.0 else 0.0)
+        slope = max(displacement.slope, SLOPE if constant["static_time"] > 0.0 else 0.0)
         return SensorReading(
             velocity=velocity,
             variance=displacement.variance * self._scale**2 + (velocity * self._chain.stretch) ** 2,
@@ -272,11 +273,54 @@ class SensorOdometry:
             inlier_share=displacement.share,
             measured=True,
             remark="; ".join(filter(None, (self._chain.remark, displacement.remark))),
-            static_time=static_time,
             slope=slope,
             features=displacement.features,
             decays=decays,
+            **constant,
         )
+
+    def _constant(self, stamp_ns: int, lines: Lines, displacement: float) -> dict[str, Any]:
+        """Return the attributes `static_time` and `replaced` of a reading.
+
+        Args:
+            stamp_ns: time of exposure of the newest line [ns].
+            lines: consecutive lines, oldest first, shape (m + 1, n).
+            displacement: mean displacement per line [px]; 0 if unknown.
+        """
+        static_time, replaced = self._static_time(stamp_ns, lines, displacement), False
+        # A vehicle that can stop takes this time for the last half of the width of the view. Views
+        # of twice this time show whether the one before was another one only for a while.
+        longest = math.sqrt(self._sensor.width / HARDEST_STOP)
+        views = [view for view in self._views if 0 < stamp_ns - view[0] < 2e9 * longest]
+        self._views = [*views, (stamp_ns, lines[-1])]
+        if views and 0.0 < static_time < longest:
+            share, error = kept(lines[-2:], views[0][1], 1)
+            if share + SIGNIFICANT * error < 0.5:
+                replaced = self._replaced(stamp_ns, lines, views)
+        return {"static_time": static_time, "replaced": replaced}
+
+    def _replaced(self, stamp_ns: int, lines: Lines, views: list[tuple[int, Lines]]) -> bool:
+        """Return whether a view that is constant now was another one shortly before.
+
+        It was if it lost more of its texture between two of the views than a constant view and a
+        vehicle that stops may lose.
+
+        Args:
+            stamp_ns: stamp of the newest line [ns].
+            lines: lines of the constant view, oldest first, shape (m + 1, n).
+            views: stamps [ns] and lines before them, oldest first.
+        """
+        sensor, held, since = self._sensor, 1.0, stamp_ns
+        lost = (1.0 - _STATIC_SHARE) / (1e-9 * (len(lines) - 1) * self._chain.period_ns)  # per s
+        for seen, line in reversed(views):
+            elapsed, gap = 1e-9 * (stamp_ns - seen), 1e-9 * (since - seen)
+            reach = 1 + int(0.5 * HARDEST_STOP * elapsed**2 / sensor.pixel_pitch)
+            share, error = kept(lines[-2:], line, reach)
+            allowed = lost * gap + 0.5 * HARDEST_STOP * gap**2 / sensor.width
+            if held - share > allowed + SIGNIFICANT * math.sqrt(2.0) * error:
+                return True
+            held, since = min(share, 1.0), seen
+        return False
 
     def _static_time(self, stamp_ns: int, lines: Lines, displacement: float) -> float:
         """Return for how long the lines have not changed [s]; 0 if they changed within this batch.

@@ -2,8 +2,9 @@
 
 If a camera is occluded, for example by a lid or by dirt on the lens, its lines match perfectly at
 zero displacement, but so do lines of the ground at rest and in motion across the axis. A camera
-therefore counts as occluded only in two cases: its view becomes constant sooner than a vehicle can
-stop (at most 15 m/s^2), or its view does not change although the camera moves.
+therefore counts as occluded only in three cases: its view becomes constant sooner than a vehicle
+can stop (at most 15 m/s^2), a constant view replaces another one, of which more would remain after
+any stop, or the view does not change although the camera moves.
 """
 
 import math
@@ -14,7 +15,7 @@ import numpy as np
 
 from linescan_odometry.joint.spectra import SIGNIFICANT
 from linescan_odometry.measurements import SensorReading
-from linescan_odometry.paths_across import GAP_NS, PathsAcross
+from linescan_odometry.paths_across import GAP_NS, HARDEST_STOP, PathsAcross
 from linescan_odometry.textures import Textures
 from omni_core.quantities import FloatArray
 from omni_core.sensors import LineSensor, velocity_row
@@ -23,7 +24,6 @@ from omni_core.sensors import LineSensor, velocity_row
 # view remains, which no longer counts as static (`sensor.py`).
 _STILL_SHARE = 0.5
 _STILL_PIXELS = 2.0  # px; after this motion along the axis a view must change
-_HARDEST_STOP = 15.0  # m/s^2; a hard stop on a dry road reaches 10
 # m/s^2; hardest stop of one camera while others move on: 5 rad/s^2 between cameras 1 m apart
 _HARDEST_TURN = 5.0
 _CERTAIN = 4.0  # standard deviations by which a stop must be too hard
@@ -44,6 +44,26 @@ class _Motion(NamedTuple):
     interval_ns: int
     twist: FloatArray
     deviations: Mapping[str, float]
+
+
+class _Speed(NamedTuple):
+    """A velocity of one camera, at which its view must have changed.
+
+    Attributes:
+        stamp_ns: stamp of the velocity, a mean over the batch [ns].
+        interval_ns: time since the velocity before [ns], at most `GAP_NS`.
+        along: velocity along the camera's axis [m/s].
+        across: velocity across the axis [m/s]; 0 if it is unknown.
+        deviation: standard deviation of `along`, over a texture of known slope [m/s].
+        own: whether the camera itself measured it; otherwise, it follows from a twist.
+    """
+
+    stamp_ns: int
+    interval_ns: int
+    along: float
+    across: float
+    deviation: float
+    own: bool
 
 
 class UnsuitableViews:
@@ -71,11 +91,16 @@ class UnsuitableViews:
         self._paths = PathsAcross(self._sensors)
         self._textures = Textures(self._sensors, self._paths)
         self._covered: dict[str, str] = {}
-        self._alone: set[str] = set()  # covered cameras that stopped while others moved on
+        # Covered cameras whose view may also be that of a vehicle at rest: they stopped while
+        # others moved on, or only they saw a motion.
+        self._alone: set[str] = set()
         self._static_ns: dict[str, int] = {}  # stamps at which views last were constant [ns]
         self._twists: list[_Motion] = []  # those of the last `GAP_NS`, and the last one
+        # Velocities that each camera itself measured in successive batches of the last `GAP_NS`.
+        self._shifts: dict[str, list[_Speed]] = {name: [] for name in self._sensors}
         # Deviations of the present velocities, over textures of known slope [m/s].
         self._own: dict[str, float] = {}
+        self._stamp_ns = 0  # of the newest readings
 
     def stopped(
         self, stamp_ns: int, readings: Mapping[str, SensorReading]
@@ -89,8 +114,9 @@ class UnsuitableViews:
             stamp_ns: stamp of the readings [ns].
             readings: readings of all cameras, keyed by name.
         """
-        if self._twists and stamp_ns < self._twists[-1].stamp_ns:  # the recording is played again
+        if stamp_ns < self._stamp_ns:  # the recording is played again
             self._start_anew()
+        self._stamp_ns = stamp_ns
         # An unknown slope of the texture falsifies the velocity, but a view that shifted at this
         # velocity must change all the same.
         self._own = {name: math.sqrt(reading.variance) for name, reading in readings.items()}
@@ -100,24 +126,29 @@ class UnsuitableViews:
             if stamp_ns - self._static_ns.get(name, stamp_ns) > GAP_NS:
                 self._covered.pop(name, None)
         self._static_ns |= dict.fromkeys(static, stamp_ns)
-        sudden = ""
+        sudden, since_ns = "", stamp_ns
         self._alone &= self._covered.keys()
         for name in static:
-            after, alone = self._stop(stamp_ns, name, readings)
+            after, alone, begun_ns = self._stop(stamp_ns, name, readings)
             reason = f"covered: its view does not change, {after}"
             if alone:
                 self._alone.add(name)
                 self._covered.setdefault(name, reason)
             elif after:
-                sudden = after
+                sudden, since_ns = after, begun_ns
                 self._covered[name] = reason
+            elif readings[name].replaced:
+                self._alone.add(name)
+                reason = "covered: its view was replaced by one that does not change"
+                self._covered.setdefault(name, reason)
         if sudden:
             # A vehicle that cannot be at rest turns about one static view at most.
-            stopped = stamp_ns - self._twists[-1].stamp_ns + self._twists[-1].interval_ns
-            also = [n for n, r in static.items() if 1e9 * r.static_time < stopped]
+            also = [n for n, r in static.items() if 1e9 * r.static_time < stamp_ns - since_ns]
             reason = f"covered: its view does not change, like that of a camera {sudden}"
             self._covered = dict.fromkeys(also, reason) | self._covered
-        at_rest = len(static) == len(self._sensors)
+        self._shifted(stamp_ns, readings)
+        resting = [name for name, reading in static.items() if reading.measured]
+        at_rest = 1 < len(resting) == len(self._sensors)
         return {
             name: readings[name].rejected(reason)
             for name, reason in self._covered.items()
@@ -128,7 +159,7 @@ class UnsuitableViews:
 
     def _stop(
         self, stamp_ns: int, name: str, readings: Mapping[str, SensorReading]
-    ) -> tuple[str, bool]:
+    ) -> tuple[str, bool, int]:
         """Return which motion shortly before a constant view excludes that the camera stopped.
 
         Args:
@@ -137,38 +168,61 @@ class UnsuitableViews:
             readings: readings of all cameras, keyed by name.
 
         Returns:
-            Description of the motion, empty if the camera may have stopped; and whether it is
-            excluded only because another camera moves on.
+            Description of the motion, empty if the camera may have stopped; whether it is excluded
+            only because another camera moves on, or by the camera's own velocity; and when the
+            motion began at the latest [ns].
         """
-        static_time, other = readings[name].static_time, ""
-        for last in reversed(self._twists):
+        static_time, other = readings[name].static_time, ("", False, stamp_ns)
+        for last in self._speeds(name):
             stopping = stamp_ns - round(1e9 * static_time) - last.stamp_ns
-            if stopping < 0:
+            if stopping < 0 or not self._would_show(name, last.along, last.across, static_time):
                 continue
-            # A twist is a mean over its batch, which a vehicle that brakes reaches in the middle of
-            # the batch. A view without a measurement may only seem constant.
-            begun = 0.5 if readings[name].measured else 1.0
+            # A velocity is a mean over its batch, which a vehicle that brakes reaches in the middle
+            # of the batch. A view without a measurement may only seem constant, and so may the
+            # coarse texture of a single camera that still creeps.
+            begun = 0.5 if readings[name].measured and not last.own else 1.0
             elapsed = 1e-9 * (stopping + begun * last.interval_ns)
+            speed, uncertain = math.hypot(last.along, last.across), _CERTAIN * last.deviation
+            after = f"{1e3 * elapsed:.3g} ms after it moved at {speed:.3g} m/s"
+            since_ns = last.stamp_ns - last.interval_ns
+            if speed > HARDEST_STOP * elapsed + uncertain:
+                return after, last.own, since_ns
+            if abs(last.along) > _HARDEST_TURN * elapsed + uncertain and self._moving_on(readings):
+                other = after, True, since_ns
+        return other
+
+    def _speeds(self, name: str) -> list[_Speed]:
+        """Return the velocities of a camera in the last `GAP_NS`: from twists, and its own ones."""
+        speeds = []
+        for last in reversed(self._twists):
             along, across = (float(v) for v in self._rows[name] @ last.twist)
             if last is not self._twists[-1]:
                 across = 0.0  # it may have become too slow to change the view
-            if not self._would_show(name, along, across, static_time):
-                continue
-            speed = math.hypot(along, across)
-            uncertain = _CERTAIN * last.deviations.get(name, 0.0)
-            after = f"{1e3 * elapsed:.3g} ms after it moved at {speed:.3g} m/s"
-            if speed > _HARDEST_STOP * elapsed + uncertain:
-                return after, False
-            if abs(along) > _HARDEST_TURN * elapsed + uncertain and self._moving_on(
-                readings, last.twist
-            ):
-                other = after
-        return other, bool(other)
+            deviation = last.deviations.get(name, 0.0)
+            speeds.append(_Speed(last.stamp_ns, last.interval_ns, along, across, deviation, False))
+        # The first one is not confirmed by another batch.
+        return speeds + self._shifts[name][:0:-1]
 
-    def _moving_on(self, readings: Mapping[str, SensorReading], twist: FloatArray) -> bool:
-        """Return whether a camera moves on along its axis at half the speed of a twist or more."""
-        for name, rows in self._rows.items():
-            last, reading = float(rows[0] @ twist), readings.get(name)
+    def _shifted(self, stamp_ns: int, readings: Mapping[str, SensorReading]) -> None:
+        """Store the velocities that the cameras measured themselves.
+
+        Args:
+            stamp_ns: stamp of the readings [ns].
+            readings: readings of all cameras, keyed by name.
+        """
+        for name in self._sensors:
+            reading = readings.get(name)
+            recent = [s for s in self._shifts[name] if stamp_ns - s.stamp_ns < GAP_NS]
+            if reading and reading.measured and reading.static_time == 0.0:
+                interval_ns = stamp_ns - recent[-1].stamp_ns if recent else GAP_NS
+                own = _Speed(stamp_ns, interval_ns, reading.velocity, 0.0, self._own[name], True)
+                recent.append(own)
+            self._shifts[name] = recent
+
+    def _moving_on(self, readings: Mapping[str, SensorReading]) -> bool:
+        """Return whether a camera moves along its axis at half the speed of the last twist."""
+        for name, rows in self._rows.items() if self._twists else ():
+            last, reading = float(rows[0] @ self._twists[-1].twist), readings.get(name)
             if reading is None or not reading.measured or reading.static_time > 0.0:
                 continue
             certain = _CERTAIN * math.sqrt(reading.variance)

@@ -201,7 +201,8 @@ class JointEstimator:
             self._before = estimate.value, error
         if not confirmed:
             cause = "few features" if estimate.few else "a change of speed"
-            raise Unmeasured(f"{cause}, which the last batch does not confirm", unmatched=True)
+            reason = f"{cause}, which the last batch does not confirm"
+            raise Unmeasured(reason, unmatched=estimate.moves)
         if not plausibility.check(stamp_ns, np.array([estimate.value]))[0]:
             raise Unmeasured(
                 f"not plausible: {estimate.value:.3g} px per line needs more than "
