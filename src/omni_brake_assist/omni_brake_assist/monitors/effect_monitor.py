@@ -30,11 +30,13 @@ with the second smallest slip gives the speed, because one encoder may read too 
 active direction is nearly perpendicular to the motion does not count, even if it is locked.
 
 Two more bounds limit how long brakes may be released. The first is the duration of a stop with the
-mean deceleration `least`, extended by `grace`; on ice, time counts in proportion to ``c``. The
-second is used only with an IMU: at the end of a stop, the deceleration may be small for at most the
-time constant of the specific force's low-pass. This bound is exceeded in stops in which the braked
-wheels exert no force along the motion, because the vehicle moves along their passive direction.
-Without an IMU, the end of a stop cannot be recognized, because locked wheels also have slow rims.
+mean deceleration `least`, extended by `grace`. On ice, time counts in proportion to ``c``, and the
+stop may last longer if ``v`` has decreased by `least` times this time without `grace`: the specific
+force alone, whose bias resembles sliding wheels, extends no stop. The second bound is used only
+with an IMU: at the end of a stop, the deceleration may be small for at most the time constant of
+the specific force's low-pass. This bound is exceeded in stops in which the braked wheels exert no
+force along the motion, because the vehicle moves along their passive direction. Without an IMU, the
+end of a stop cannot be recognized, because locked wheels also have slow rims.
 
 After a bound is exceeded, all brakes act until the pedal is released.
 """
@@ -202,7 +204,8 @@ def watch_effect(
     stalls = felt and released and achieved < _LITTLE and ledger.speed < _LITTLE * ledger.start
     ledger.stalled = ledger.stalled + dt if stalls else 0.0
     bound = constants.creep + constants.allowance * ledger.start + constants.share * ledger.braked
-    late = ledger.demanded > constants.grace + ledger.start / constants.least
+    late = ledger.elapsed > constants.grace + ledger.start / constants.least
+    late &= ledger.demanded > constants.grace + (ledger.start - ledger.speed) / constants.least
     if released and (late or ledger.stalled > constants.force_time or ledger.missed > bound):
         ledger.tripped = True
     return bool(ledger.tripped)

@@ -169,6 +169,22 @@ def test_ice_on_which_half_of_the_wheels_slide_does_not_end_the_assistance(
     assert found == np.inf if rolls == 2 else found < 5.0
 
 
+@pytest.mark.parametrize("direction", [0.4, 2.0])
+def test_a_false_specific_force_extends_no_stop_in_which_the_rims_stay_fast(
+    constants: EffectConstants, direction: float
+) -> None:
+    """Its integral falsifies the direction of motion, in which the wheels then seem to slide."""
+    ledger, ends = effect_memory(), START / constants.least + constants.grace
+    rolling = constants.active @ (np.cos(direction), np.sin(direction), 0.0) / constants.roll
+    watch_effect(constants, ledger, DT, 0.0, False, START * rolling, UNKNOWN)
+    bias = np.array([0.0, 1.0, 0.0])
+    for step in range(1, 3000):
+        speeds = (START - 0.05 * step * DT) * rolling
+        if watch_effect(constants, ledger, DT, 1.0, True, speeds, bias):
+            break
+    assert step * DT < 1.5 * ends
+
+
 def test_only_wheels_that_the_motion_drives_can_use_friction(constants: EffectConstants) -> None:
     """The rotation cancels nearly all of the motion of two hubs; one of the other wheels slides."""
     ledger, straight = effect_memory(), constants.active[:, 0] * START
