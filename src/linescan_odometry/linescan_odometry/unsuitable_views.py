@@ -92,7 +92,7 @@ class UnsuitableViews:
         self._textures = Textures(self._sensors, self._paths)
         self._covered: dict[str, str] = {}
         # Covered cameras whose view may also be that of a vehicle at rest: they stopped while
-        # others moved on, or only they saw a motion.
+        # others moved on, only they saw a motion, or other views did not change either.
         self._alone: set[str] = set()
         self._static_ns: dict[str, int] = {}  # stamps at which views last were constant [ns]
         self._twists: list[_Motion] = []  # those of the last `GAP_NS`, and the last one
@@ -355,6 +355,11 @@ class UnsuitableViews:
                 )
                 covered = {name: reading.rejected(reason)}
         self._covered |= {name: reading.reason for name, reading in covered.items()}
+        watched = [r for name, r in readings.items() if name in self._sensors and r.measured]
+        static_views = [reading.static_time > 0.0 for reading in watched]
+        # A moving vehicle turns about one static view at most: the motion may be the false part.
+        if sum(static_views) > 1 and not all(static_views):
+            self._alone |= covered.keys()
         return covered
 
     def _would_show(self, name: str, along: float, across: float, duration: float) -> bool:

@@ -13,6 +13,7 @@ from scipy.ndimage import gaussian_filter1d
 
 from linescan_odometry.configuration import OdometryConfiguration
 from linescan_odometry.measurements import SensorReading
+from linescan_odometry.odometry import LineScanOdometry
 from linescan_odometry.sensor import SensorOdometry
 from linescan_odometry.unsuitable_views import UnsuitableViews
 from omni_core.sensors import LineSensor
@@ -118,3 +119,23 @@ def test_a_replaced_view_stays_covered_unless_all_others_are_at_rest(measured: b
         named.append(bool(views.stopped(10**9 + number * 10**7, found)))
     covered = [False] * 8 if measured else 2 * [False] + 6 * [True]
     assert named == covered + 5 * [True] + 7 * [False]
+
+
+def test_a_motion_under_one_camera_at_rest_covers_no_view_for_good() -> None:
+    """The motion of a passing object contradicts the two views that do not change."""
+    odometry = LineScanOdometry(OdometryConfiguration(sensors=three()))
+    share = np.clip((np.arange(60 * BATCH) / BATCH - 10.0) / 25.0, 0.0, 1.0)  # of the motion
+    way = 0.1 / CAMERA.pixel_pitch * (share - np.sin(2.0 * math.pi * share) / (2.0 * math.pi))
+    views = [ground(shifts, 15.0, seed) for seed, shifts in enumerate((0.0 * way, 0.0 * way, way))]
+    generator, named = np.random.default_rng(2), set()
+    for end in range(BATCH, len(way) + 1, BATCH):
+        batches = {}
+        for name, levels in zip(three(), views, strict=True):
+            lines = levels[end - BATCH : end] + generator.normal(0.0, 1.5, (BATCH, PIXELS))
+            stamp_ns = round(1e9 + 1e9 * end / CAMERA.line_rate)
+            batches[name] = LineBatch(stamp_ns, np.rint(lines).clip(0, 255).astype(np.uint8))
+        estimate = odometry.update(batches)
+        named |= {one.reason for one in estimate.readings.values() if "moves across" in one.reason}
+    assert named
+    assert estimate.measured
+    np.testing.assert_allclose(estimate.twist, 0.0, atol=0.01)
