@@ -44,7 +44,8 @@ def replaced(path: Path) -> Iterator[Path]:
     Yields:
         Path of the new file, in the same folder.
     """
-    incomplete = path.with_name(f".{path.name}.{os.getpid()}")
+    # Threads, and processes in two containers with a common folder, may have the same number.
+    incomplete = path.with_name(f".{path.name}.{os.urandom(8).hex()}")
     try:
         yield incomplete
         incomplete.replace(path)

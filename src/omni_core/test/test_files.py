@@ -62,6 +62,17 @@ def test_a_file_is_replaced_as_a_whole_or_not_at_all(temporary: Path) -> None:
     assert list(temporary.iterdir()) == [path]
 
 
+def test_two_writers_of_a_file_do_not_mix_their_contents(temporary: Path) -> None:
+    path = temporary / "file"
+    with replaced(path) as new:
+        new.write_text("first")
+        with replaced(path) as other:
+            other.write_text("second")
+        assert path.read_text() == "second"
+        assert new.read_text() == "first"
+    assert path.read_text() == "first"
+
+
 UNITS = {"slip": "1", "load": "N", "force": "N"}
 
 
