@@ -204,11 +204,19 @@ def watch_effect(
     stalls = felt and released and achieved < _LITTLE and ledger.speed < _LITTLE * ledger.start
     ledger.stalled = ledger.stalled + dt if stalls else 0.0
     bound = constants.creep + constants.allowance * ledger.start + constants.share * ledger.braked
-    late = ledger.elapsed > constants.grace + ledger.start / constants.least
-    late &= ledger.demanded > constants.grace + (ledger.start - ledger.speed) / constants.least
+    late = _lasts_too_long(constants, ledger)
     if released and (late or ledger.stalled > constants.force_time or ledger.missed > bound):
         ledger.tripped = True
     return bool(ledger.tripped)
+
+
+@lean
+def _lasts_too_long(constants: EffectConstants, ledger: Any) -> bool:
+    """Return whether the stop exceeds its longest duration, which ice may extend."""
+    lost = ledger.start - ledger.speed
+    usual: bool = ledger.elapsed <= constants.grace + ledger.start / constants.least
+    slows: bool = ledger.demanded <= constants.grace + lost / constants.least
+    return not (usual or slows)
 
 
 @lean
