@@ -27,7 +27,7 @@ use this share of their friction. The used share of a wheel's friction is its sl
 `target_slip`, at most 1; it is low-passed like the specific force. The velocity that the wheels
 have before the stop and the integral of the IMU's readings give the direction of motion. The wheel
 with the second smallest slip gives the speed, because one encoder may read too much. A wheel whose
-active direction is nearly perpendicular to the motion does not count, even if it is locked.
+active direction is nearly perpendicular to the motion uses no friction, even if it is locked.
 
 Two more bounds limit how long brakes may be released. The first is the duration of a stop with the
 mean deceleration `least`, extended by `grace`. On ice, time counts in proportion to ``c``, and the
@@ -247,7 +247,7 @@ def _integrate(ledger: Any, dt: float, inertial: FloatArray) -> None:
 def _used_friction(
     constants: EffectConstants, ledger: Any, speeds: FloatArray, rate: float
 ) -> float:
-    """Return the used share of the friction of the driven wheels, 0 if it is unknown [1].
+    """Return the share of the friction that the wheels use, 0 if it is unknown [1].
 
     Args:
         constants: constants of the vehicle.
@@ -260,7 +260,6 @@ def _used_friction(
         return 0.0
     x, y = ledger.v_x / size, ledger.v_y / size
     fastest = speed = used = 0.0
-    driven = 0
     for i in range(speeds.size):
         n_x, n_y, lever = constants.active[i]
         along = n_x * x + n_y * y
@@ -271,11 +270,9 @@ def _used_friction(
         n_x, n_y, lever = constants.active[i]
         hub = abs((n_x * x + n_y * y) * speed + lever * rate)
         rim = abs(constants.roll[i] * speeds[i])
-        if hub > _LITTLE * speed:
-            driven += 1
-            if hub > rim:
-                used += (hub - rim) / max(constants.slip[i] * rim, hub - rim)
-    return used / max(driven, 1)
+        if hub > rim and hub > _LITTLE * speed:
+            used += (hub - rim) / max(constants.slip[i] * rim, hub - rim)
+    return used / speeds.size
 
 
 @lean
