@@ -185,20 +185,6 @@ def test_a_false_specific_force_extends_no_stop_in_which_the_rims_stay_fast(
     assert step * DT < 1.5 * ends
 
 
-def test_only_wheels_that_the_motion_drives_can_use_friction(constants: EffectConstants) -> None:
-    """The rotation cancels nearly all of the motion of two hubs; one of the other wheels slides."""
-    ledger, straight = effect_memory(), constants.active[:, 0] * START
-    rate = 0.9 * straight[0] / constants.active[0, 2]
-    hub = straight + constants.active[:, 2] * rate
-    driven, speeds = np.abs(hub) > np.abs(straight), hub / constants.roll
-    assert np.sum(driven) == 2
-    watch_effect(constants, ledger, DT, 0.0, False, speeds, np.array([rate, 0.0, 0.0]))
-    speeds[np.argmax(driven)] = 0.0
-    watch_effect(constants, ledger, DT, 1.0, True, speeds, np.array([rate, 0.0, 0.0]))
-    follow = 1.0 - np.exp(-DT / constants.force_time)
-    assert ledger["used"][0] == pytest.approx(0.5 * follow, rel=0.1)
-
-
 def test_locked_wheels_across_the_motion_are_no_sign_of_ice(
     constants: EffectConstants,
 ) -> None:
