@@ -69,28 +69,42 @@ def _product(line: Floats, other: Floats, share: float) -> float:
 
 @linked
 @kernel
-def spread(details: Floats, motion: Doubles) -> float:
-    """Return the effective number of ground segments whose details neighboring lines share.
+def spread(details: Floats, motion: Doubles, distance: int, most: int) -> tuple[float, float]:
+    """Return over how many ground segments the details are spread that two lines share.
+
+    Neighboring lines share the details of any texture that is longer than the error of the
+    displacement. At a larger line spacing, they only share what moves with the displacement.
 
     Args:
         details: limited details of the lines, shape (m, n).
         motion: displacement per line in the middle of the batch [px] and its change from line to
             line [px], shape (2,).
+        distance: line spacing of the two lines [lines].
+        most: number of segments that the second result leaves out.
+
+    Returns:
+        Effective number of segments; and the mean of all segments except those that share most,
+        divided by its standard error, which follows from their scatter (Student's t).
     """
     m, n = details.shape
     kappa = np.arange(m) - 0.5 * (m - 1)
     paths = motion[0] * kappa + 0.5 * motion[1] * kappa**2
     lowest, length = paths.min(), n / PLACES
     shared = np.zeros(int((n + paths.max() - lowest) / length) + 1)
-    for k in range(m - 1):
-        step, ahead = paths[k] - paths[k + 1], paths[k] - lowest
+    for k in range(m - distance):
+        step, ahead = paths[k] - paths[k + distance], paths[k] - lowest
         whole = math.floor(step)
         i, end = max(0, -whole), min(n, n - 1 - whole)
         while i < end:
             place = int((i + ahead) / length)
             after = min(max(i + 1, math.ceil((place + 1) * length - ahead)), end)
-            there = details[k + 1, i + whole : after + whole + 1]
+            there = details[k + distance, i + whole : after + whole + 1]
             shared[place] += _product(details[k, i:after], there, step - whole)
             i = after
+    shared.sort()
+    others = shared[: len(shared) - most]
+    mean = others.mean()
+    scatter = ((others - mean) ** 2).sum() / (len(others) * (len(others) - 1))
     shared = np.maximum(shared, 0.0)
-    return float(shared.sum() ** 2 / max((shared * shared).sum(), 1e-12))
+    number = shared.sum() ** 2 / max((shared * shared).sum(), 1e-12)
+    return float(number), float(mean / math.sqrt(max(scatter, 1e-24)))

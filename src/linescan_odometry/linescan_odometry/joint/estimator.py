@@ -283,7 +283,7 @@ def _estimate(
     if parted:
         best = other
     if not flaw:
-        flaw = _flaw(best, moves, view, camera)
+        flaw = _flaw(best, moves, view, camera, layout)
     if parted and not flaw:
         pattern = _remembered(pattern, best, layout, camera.fading)
     few = weak or best.features < FEWEST
@@ -399,7 +399,9 @@ def _visible(view: View, layout: candidates.Layout, displacement: float) -> bool
 
 
 @kernel
-def _flaw(best: Solution, moves: bool, view: View, camera: Camera) -> str:
+def _flaw(
+    best: Solution, moves: bool, view: View, camera: Camera, layout: candidates.Layout
+) -> str:
     """Return the reason why a displacement is invalid; empty if it is valid.
 
     Args:
@@ -407,6 +409,7 @@ def _flaw(best: Solution, moves: bool, view: View, camera: Camera) -> str:
         moves: whether it is a motion instead of rest.
         view: the batch.
         camera: constants of the camera.
+        layout: sizes of the batch.
     """
     shift = abs(best.motion[0]) * (len(view.logs) - 1)
     if not best.variance < camera.widest:
@@ -417,6 +420,27 @@ def _flaw(best: Solution, moves: bool, view: View, camera: Camera) -> str:
         return "two motions"
     if shift < candidates.APART:
         return ""
-    several = len(view.logs) >= spectra.FEWEST_LINES
-    few = spread(view.details, best.motion) < _SHADOW if several else best.features < FEWEST
+    few = best.features < FEWEST
+    if layout.lines >= spectra.FEWEST_LINES:
+        few = _may_be_shadow(best, view, layout)
     return "dominated by few features" if few else ""
+
+
+@kernel
+def _may_be_shadow(best: Solution, view: View, layout: candidates.Layout) -> bool:
+    """Return whether all that moves with a displacement may be a bar of shadow.
+
+    The lines are compared at the largest spacing at which they still have half of their texture in
+    common, but not at the largest of all, at which few pairs remain.
+
+    Args:
+        best: the displacement.
+        view: the batch.
+        layout: sizes of the batch.
+    """
+    distances = candidates.spacings(layout.lines)
+    which = min(candidates.farthest(best.motion[0], layout), candidates.SPACINGS - 2)
+    while which > 0 and best.coherence ** distances[which] < 0.5:
+        which -= 1
+    number, others = spread(view.details, best.motion, distances[which], math.ceil(_SHADOW))
+    return bool(number < _SHADOW and others < spectra.SIGNIFICANT)
