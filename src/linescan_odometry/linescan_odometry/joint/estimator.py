@@ -422,25 +422,20 @@ def _flaw(
         return ""
     few = best.features < FEWEST
     if layout.lines >= spectra.FEWEST_LINES:
-        few = _may_be_shadow(best, view, layout)
+        few = _may_be_shadow(best.motion, view, layout)
     return "dominated by few features" if few else ""
 
 
 @kernel
-def _may_be_shadow(best: Solution, view: View, layout: candidates.Layout) -> bool:
+def _may_be_shadow(motion: spectra.Doubles, view: View, layout: candidates.Layout) -> bool:
     """Return whether all that moves with a displacement may be a bar of shadow.
 
-    The lines are compared at the largest spacing at which they still have half of their texture in
-    common, but not at the largest of all, at which few pairs remain.
-
     Args:
-        best: the displacement.
+        motion: displacement per line [px] and its change from line to line [px], shape (2,).
         view: the batch.
         layout: sizes of the batch.
     """
-    distances = candidates.spacings(layout.lines)
-    which = min(candidates.farthest(best.motion[0], layout), candidates.SPACINGS - 2)
-    while which > 0 and best.coherence ** distances[which] < 0.5:
-        which -= 1
-    number, others = spread(view.details, best.motion, distances[which], math.ceil(_SHADOW))
+    which = candidates.persistent(view.remainder, layout, motion[0])
+    distance = candidates.spacings(layout.lines)[which]
+    number, others = spread(view.details, motion, distance, math.ceil(_SHADOW))
     return bool(number < _SHADOW and others < spectra.SIGNIFICANT)
