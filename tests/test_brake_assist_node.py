@@ -143,7 +143,7 @@ def vehicle(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Vehicle]
 def running(
     configuration: ExperimentConfiguration, folder: Path, *arguments: str, lockstep: bool
 ) -> Iterator[Vehicle]:
-    process = graph.Nodes(configuration, folder, lockstep=lockstep).brake_assist()
+    process = graph.Nodes(configuration, folder, lockstep=lockstep).brake_assist(listeners=1)
     process = dataclasses.replace(process, arguments=(*process.arguments, *arguments))
     with reserved_domain() as domain, ProcessGroup(node_environment(domain)) as group:
         group.start(process)
@@ -152,6 +152,11 @@ def running(
             vehicle.wait(lambda: vehicle.twist.get_subscription_count() == 1)
             vehicle.wait(lambda: vehicle.node.count_publishers("brake/enable") == 1)
             yield vehicle
+
+
+def test_in_a_run_the_first_enables_await_recorder_and_vehicle(tmp_path: Path) -> None:
+    graph.Nodes(straight_line(), tmp_path).brake_assist()
+    assert "subscribers: 2\n" in (tmp_path / "brake_assist.yaml").read_text()
 
 
 def all_on(enable: dict[str, float]) -> bool:
@@ -383,7 +388,7 @@ def test_time_in_which_the_process_does_not_run_is_no_silence(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     configuration, timeout = WITHOUT_WHEELS, 1.0
-    process = graph.Nodes(configuration, tmp_path, lockstep=False).brake_assist()
+    process = graph.Nodes(configuration, tmp_path, lockstep=False).brake_assist(listeners=1)
     names = ("demand_timeout", "feedback_timeout", "maximum_time_step")
     timeouts = (f"{name}:={timeout}" for name in names)
     arguments = [*process.arguments, *(word for given in timeouts for word in ("-p", given))]

@@ -254,6 +254,7 @@ class BrakeAssistNode(Node):
             self, Status(AssistState.NO_DEMAND.level, words, _NOTHING_YET)
         )
         self.outputs = tuple(self._decisions.values())
+        self.enables = (self._decisions[topics.ENABLE.name],)
         # In lockstep no message may be lost. In real time, this applies to the IMU only.
         qos = RELIABLE if self._lockstep else RECENT
         guarded = (
@@ -262,7 +263,7 @@ class BrakeAssistNode(Node):
             subscribe(self, topics.WHEEL_STATES, self._on_wheel_states, qos),
             subscribe(self, topics.IMU, self._on_imu),
         )
-        self._guard = PublisherGuard(self, guarded, (self._decisions[topics.ENABLE.name],))
+        self._guard = PublisherGuard(self, guarded, self.enables)
         if not self._lockstep:
             self.create_timer(period, self._watch, clock=steady_clock())
 
@@ -422,7 +423,10 @@ def decision_messages(decision: Decision, wheels: Sequence[str]) -> dict[str, An
 
 def run(node: BrakeAssistNode, spinner: Spinner) -> None:
     """Spin the node until a signal requests shutdown."""
-    node.startup.await_subscribers(node.outputs, spinner)
+    # In lockstep the vehicle waits for the first enables, but only a recorder for other outputs.
+    node.startup.await_subscribers(node.enables, spinner)
+    recorders = max(0, node.startup.subscribers - 1)
+    node.startup.await_subscribers(node.outputs, spinner, recorders)
     # Exclude all objects that exist at this point from garbage collection, so that a collection
     # during a stop does not delay the enables.
     gc.collect()

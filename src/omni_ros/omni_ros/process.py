@@ -24,6 +24,7 @@ from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.signals import SignalHandlerOptions
+from rclpy.subscription import Subscription
 from rclpy.utilities import remove_ros_args
 
 from omni_core.commands.exit_codes import ExitCode
@@ -219,16 +220,36 @@ class StartupConfiguration(Configuration):
         """
         count = self.subscribers if count is None else count
         for publisher in publishers:
-            deadline = time.monotonic() + self.match_timeout
-            # Discovery runs in DDS threads and does not wake the executor, so the count is polled.
-            while publisher.get_subscription_count() < count and not spinner.stop:
-                if time.monotonic() > deadline:
-                    raise NodeError(
-                        f"{publisher.topic_name} has {publisher.get_subscription_count()} of "
-                        f"{count} expected subscribers after {self.match_timeout:g} s; is the "
-                        "subscribing node running in the same ROS domain?"
-                    )
-                time.sleep(0.005)
+            matched = publisher.get_subscription_count
+            self._await(publisher.topic_name, matched, count, "subscribers", spinner)
+
+    def await_publisher(self, subscription: Subscription, spinner: Spinner) -> None:
+        """Wait until a subscription has a publisher, so that its first message is not missed.
+
+        A node that waits for no subscriber does not wait for a publisher either.
+
+        Args:
+            subscription: subscription to wait for.
+            spinner: spinner, which notices a request to stop.
+
+        Raises:
+            NodeError: the topic has no publisher; the message names the topic.
+        """
+        matched, count = subscription.get_publisher_count, min(self.subscribers, 1)
+        self._await(subscription.topic_name, matched, count, "publishers", spinner)
+
+    def _await(
+        self, topic: str, matched: Callable[[], int], count: int, kind: str, spinner: Spinner
+    ) -> None:
+        deadline = time.monotonic() + self.match_timeout
+        # Discovery runs in DDS threads and does not wake the executor, so the count is polled.
+        while matched() < count and not spinner.stop:
+            if time.monotonic() > deadline:
+                raise NodeError(
+                    f"{topic} has {matched()} of {count} expected {kind} after "
+                    f"{self.match_timeout:g} s; does the other node run in the same ROS domain?"
+                )
+            time.sleep(0.005)
 
 
 def spin_until_stopped(_node: Node, spinner: Spinner) -> None:

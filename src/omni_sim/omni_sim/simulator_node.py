@@ -281,7 +281,8 @@ class SimulatorNode(Node):
 
     def silent_node(self, stamp_ns: int) -> str:
         """Return the node whose message for this step is missing, and the topic, as a text."""
-        if self._has_twist(stamp_ns):
+        rendered = self.configuration.simulation.render_lines
+        if not rendered or self._has_twist(stamp_ns):
             return "brake_assist (nothing on brake/enable)"
         return "linescan_odometry (nothing on odometry/twist)"
 
@@ -344,6 +345,8 @@ def run(node: SimulatorNode, spinner: process.Spinner) -> None:
     node.startup.await_subscribers(node.outputs, spinner)
     recorders = max(0, node.startup.subscribers - 1)
     node.startup.await_subscribers(node.recorded_outputs, spinner, recorders)
+    if node.loop.mode == "lockstep":
+        node.startup.await_publisher(node.enables, spinner)
     node.publish_descriptions()
     progress = run_progress.RunProgress(node.configuration)
     started = time.monotonic()

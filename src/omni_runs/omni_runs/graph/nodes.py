@@ -96,7 +96,7 @@ class Nodes:
         name = "linescan_odometry"
         return self._node(name, name, parameters, executable="odometry", own_code=bool(own))
 
-    def brake_assist(self, listeners: int = _RECORDER) -> process_group.NodeProcess:
+    def brake_assist(self, listeners: int = _RECORDER + 1) -> process_group.NodeProcess:
         """Return the process of the brake assistant node.
 
         Args:
