@@ -34,7 +34,7 @@ def _lines(longest: float) -> details.Floats:
     return details.limited(logs.astype(np.float32))
 
 
-def test_only_distant_lines_tell_long_details_of_the_ground_from_a_bar_of_shadow() -> None:
+def test_distant_lines_separate_long_details_of_the_ground_from_a_bar_of_shadow() -> None:
     lines, shadow = _lines(60.0), np.array([-SHADOW, 0.0])
     assert min(details.spread(lines, shadow, 1, 8)) > 3.0
     number, others = details.spread(lines, shadow, 4, 8)
