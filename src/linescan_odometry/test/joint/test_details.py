@@ -1,17 +1,18 @@
 """Details that a bar of shadow and the ground share from line to line."""
 
 import math
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from linescan_odometry.joint import details
-from omni_core.quantities import FloatArray
 
 LINES, PIXELS = 26, 1024
 GROUND, SHADOW = 2.0, -1.0  # displacement per line [px]
 
 
-def _texture(shift: FloatArray, longest: float) -> FloatArray:
+def _texture(shift: NDArray[Any], longest: float) -> NDArray[Any]:
     """Return ground with waves of at least half of `longest` [px], shape (lines, pixels)."""
     generator = np.random.default_rng(3)
     place = np.arange(PIXELS) + shift[:, None]
@@ -21,17 +22,17 @@ def _texture(shift: FloatArray, longest: float) -> FloatArray:
     )
 
 
-def _bar(center: FloatArray) -> FloatArray:
+def _bar(center: NDArray[Any]) -> NDArray[Any]:
     """Return the logarithm of a bar of shadow, 150 px wide, shape (lines, pixels)."""
     place = np.arange(PIXELS) - center[:, None]
     return np.asarray(-0.4 * (np.tanh((place + 75.0) / 8.0) - np.tanh((place - 75.0) / 8.0)) / 2.0)
 
 
-def _lines(longest: float) -> details.Floats:
+def _lines(longest: float) -> NDArray[Any]:
     kappa = np.arange(LINES) - 0.5 * (LINES - 1)
     noise = np.random.default_rng(5).normal(0.0, 0.01, (LINES, PIXELS))
     logs = _texture(-GROUND * kappa, longest) + _bar(400.0 + SHADOW * kappa) + noise
-    return details.limited(logs.astype(np.float32))
+    return np.asarray(details.limited(logs.astype(np.float32)))
 
 
 def test_distant_lines_separate_long_details_of_the_ground_from_a_bar_of_shadow() -> None:
