@@ -200,7 +200,8 @@ class StartupConfiguration(Configuration):
     """Subscriptions that must exist before a node publishes, so that no message is missed."""
 
     subscribers: int = parameter(0, minimum=0, maximum=100)
-    """Number of subscriptions that each output must have before the node starts to work"""
+    """Number of subscriptions that each output must have before the node starts to work; outputs of
+    simulator and assistant that only a recorder awaits need one less"""
     match_timeout: float = parameter(20.0, unit="s", above=0.0, maximum=3600.0)
     """Limit on the time to wait for these subscriptions"""
 
