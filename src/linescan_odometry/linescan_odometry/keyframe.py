@@ -27,6 +27,9 @@ _SEARCHED = 3  # px searched on each side of the expected shift, plus _SEARCHED_
 _SEARCHED_SHARE = 0.01
 # Limit on a gradient, relative to the mean magnitude: edges of shadows and of dirt exceed it.
 _LIMIT = 2.0
+# Number of independent gradients of white noise per step between the compared pixels: the squared
+# autocorrelation of the noise after `_differentiate` has the sum 2/3 step.
+_INDEPENDENT = 1.5
 _FEWEST = 16  # smallest number of pixels for a comparison
 # Lengths of neighboring groups, as shares of a batch: long groups show the loss of faint texture,
 # and short ones that of texture that leaves the view within a few lines.
@@ -63,7 +66,7 @@ class Keyframe:
         Args:
             pixels: number of pixels n of a line.
         """
-        self._step = 4 if pixels > 512 else 2  # px; finer detail is noise
+        self._step = _step_of(pixels)
         self._group: Group | None = None
         self._stamp_ns = 0
         self._shift = 0.0
@@ -165,6 +168,11 @@ def _differentiate(line: Float32Array, step: int, gradient: Float32Array) -> Non
         gradient[i] = min(max(gradient[i], -limit), limit)
 
 
+def _step_of(pixels: int) -> int:
+    """Return the distance of the compared pixels of a line [px]; finer detail is noise."""
+    return 4 if pixels > 512 else 2
+
+
 def kept(new: Lines, old: Lines, reach: int) -> tuple[float, float]:
     """Return the share of the texture of a constant view that an older line shows, and its error.
 
@@ -177,20 +185,19 @@ def kept(new: Lines, old: Lines, reach: int) -> tuple[float, float]:
         old: older line, shape (n,).
         reach: largest shift between the older line and the new ones [px].
     """
-    step = 4 if len(old) > 512 else 2
+    step = _step_of(len(old))
     gradients = np.zeros((3, max(len(old) - 2 * step + 1, 1)), np.float32)
     for line, gradient in zip((*new, old), gradients, strict=True):
         _differentiate(line / np.float32(max(line.mean(), 1.0)), step, gradient)
     one, other, before = gradients
     reach = min(reach, len(one) // 4)
     texture, inner = float(one @ other), one[reach : len(one) - reach]
-    products = np.correlate(before, inner)
     if not texture > 0.0:
         return 0.0, math.inf
-    share = float(products.max()) / texture * len(one) / len(inner)
-    # Noise changes both the product and the texture; 1.5 / step as in `_compare`.
+    share = float(np.correlate(before, inner).max()) / texture * len(one) / len(inner)
+    # Noise changes both the product and the texture.
     power = float(before @ before) + share**2 * float(other @ other)
-    error = math.sqrt(power * float(one @ one) * step / (1.5 * len(one))) / texture
+    error = math.sqrt(power * float(one @ one) * step / (_INDEPENDENT * len(one))) / texture
     return share, error
 
 
@@ -272,8 +279,7 @@ def _compare(new: Group, old: Group, expected: tuple[float, int], step: int) -> 
     whole = _mean_power(new, old, min(pattern, 0.0))
     if number == 0 or not texture > 0.0:
         return _Common(1.0, 1.0, 1.0, math.inf, shifted)
-    # The squared autocorrelation of white noise after `_differentiate` has the sum 2/3 step.
-    independent = 1.5 * number / step
+    independent = _INDEPENDENT * number / step
     one, other = new.noise / texture, old.noise / texture
     mixed, kept = one + other + one * other, most / texture
     denominator = one + one**2 + other + other**2 + (mixed if pattern != 0.0 else 0.0)
