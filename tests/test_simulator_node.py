@@ -8,21 +8,25 @@ import signal
 import time
 from collections.abc import Iterator
 from contextlib import closing
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from bystander import Bystander
+from geometry_msgs.msg import TwistWithCovarianceStamped
 from omni_process import WORKSPACE
 from rcl_interfaces.srv import SetParameters
 from rclpy.duration import Duration
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile
-from sensor_msgs.msg import JointState
+from rclpy.subscription import Subscription
+from sensor_msgs.msg import Imu, JointState
 
 from omni_ros.environment import node_environment
-from omni_ros.messages import joint_state
+from omni_ros.messages import joint_state, to_nanoseconds
 from omni_ros.qos import RELIABLE
 from omni_runs.experiment import ExperimentLibrary
 from omni_runs.graph import nodes as graph
@@ -124,6 +128,44 @@ class Valve(Bystander):
 
     def _on_deadline(self, _event: object) -> None:
         self.missed += 1
+
+
+def test_a_run_begins_when_the_assistant_receives_every_input(tmp_path: Path) -> None:
+    overrides = ["feedback=velocity_sensor", "simulation.render_lines=false"]
+    configuration = ExperimentLibrary(WORKSPACE / "config").load(
+        "straight_line", "assisted", overrides
+    )
+    process = graph.Nodes(configuration, tmp_path).simulator(listeners=1, lines_recorded=False)
+    with reserved_domain() as domain, ProcessGroup(node_environment(domain)) as group:
+        group.start(process)
+        with closing(Inputs(domain)) as inputs:
+            inputs.subscribe(JointState, "wheel_states", "brake/pedal")
+            inputs.subscribe(TwistWithCovarianceStamped, "velocity_sensor/twist")
+            inputs.wait(lambda: all(one.get_publisher_count() for one in inputs.subscribed))
+            inputs.catch_up(lambda: len(inputs.first))
+            inputs.subscribe(Imu, "imu")
+            inputs.wait(lambda: len(inputs.first) == 4)
+    assert set(inputs.first.values()) == {0}
+
+
+class Inputs(Bystander):
+    """Notes the first stamp [ns] of each topic."""
+
+    def __init__(self, domain: int) -> None:
+        super().__init__("brake_assist", domain)
+        self.first: dict[str, int] = {}
+        self.subscribed: list[Subscription] = []
+
+    def description(self) -> str:
+        return f"first stamps {self.first}"
+
+    def subscribe(self, kind: type, *names: str) -> None:
+        for name in names:
+            note = partial(self._note, name)
+            self.subscribed.append(self.node.create_subscription(kind, name, note, RELIABLE))
+
+    def _note(self, name: str, message: Any) -> None:
+        self.first.setdefault(name, to_nanoseconds(message.header.stamp))
 
 
 @pytest.mark.safety(

@@ -71,6 +71,8 @@ class LoopConfiguration(Configuration):
     """Whether cmd_vel has the type TwistStamped; otherwise the type is Twist"""
     lines_recorded: bool = parameter(True)
     """Whether a recorder is one of the subscribers of the lines"""
+    answered: tuple[str, ...] = parameter(())
+    """Further outputs to which the brake assistant replies, as to wheel_states: imu, for example"""
     enable_timeout: float = parameter(0.05, unit="s", above=0.0, maximum=10.0)
     """In real time, age at which an enable becomes invalid, so that all brakes are on"""
 
@@ -128,6 +130,7 @@ class SimulatorNode(Node):
         self._reported_limits: frozenset[str] = frozenset()
         # No node replies to the other topics, so one subscriber less is awaited for them.
         answered = {topics.WHEEL_STATES, topics.PEDAL, *map(topics.flow, flow_sensors)}
+        answered |= {one for one in own if one.name in self.loop.answered}
         answered |= set(map(topics.lines, cameras)) if self.loop.lines_recorded else set()
         self.outputs = tuple(own[one] for one in own if one in answered)
         clock = self._shared_clock.publisher() if self._shared_clock else None

@@ -1,7 +1,7 @@
 """Nodes of a run, their parameters, and the recorded topics."""
 
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from operator import attrgetter
 from pathlib import Path
 from typing import Any
@@ -116,7 +116,12 @@ class Nodes:
         return self._node("brake_assist", "omni_brake_assist", parameters, remaps, own_code=own)
 
     def simulator(
-        self, *, driven: bool = False, lines_recorded: bool = True, listeners: int = _RECORDER + 1
+        self,
+        *,
+        driven: bool = False,
+        lines_recorded: bool = True,
+        listeners: int = _RECORDER + 1,
+        own_assistant: bool = True,
     ) -> process_group.NodeProcess:
         """Return the process of the simulator node.
 
@@ -124,6 +129,7 @@ class Nodes:
             driven: whether the driver node sends the demands; otherwise they are scripted.
             lines_recorded: whether the recorder subscribes to the lines of the cameras.
             listeners: number of subscribers for which the node waits.
+            own_assistant: whether the assistant subscribes to all inputs that it can use.
         """
         configuration = self.configuration
         parameters = values_of(configuration, SimulatorConfiguration) | _listeners(listeners)
@@ -134,6 +140,10 @@ class Nodes:
             "lines_recorded": lines_recorded,
             "await_odometry": not configuration.uses_lines and rendered,
         }
+        answered = [topics.IMU.name] if configuration.imu.enabled else []
+        answered += [] if configuration.uses_lines else [topics.VELOCITY_SENSOR.name]
+        if own_assistant and answered:
+            parameters["answered"] = answered
         # The driver node selects between its page and a teleoperation node that publishes cmd_vel.
         remaps = ["-r", "cmd_vel:=driver/cmd_vel"] if driven else []
         return self._node("simulator", "omni_sim", parameters, remaps)
@@ -154,7 +164,10 @@ class Nodes:
         return self._node("driver", "omni_tools", parameters)
 
     def of_run(
-        self, folder: Path, recording: Mapping[str, Any] = PLAIN
+        self,
+        folder: Path,
+        recording: Mapping[str, Any] = PLAIN,
+        external: Collection[str] = (),
     ) -> list[process_group.NodeProcess]:
         """Return the nodes of a scripted run in the order in which they are started.
 
@@ -163,9 +176,12 @@ class Nodes:
         Args:
             folder: rosbag2 folder to record to.
             recording: parameters of the recorder.
+            external: names of nodes that are left out, because a user's node replaces them.
         """
-        recorder = self.recorder(folder, recording)
-        return [recorder, self.odometry(), self.brake_assist(), self.simulator()]
+        assistant = self.brake_assist()
+        simulator = self.simulator(own_assistant=assistant.name not in external)
+        started = [self.recorder(folder, recording), self.odometry(), assistant, simulator]
+        return [node for node in started if node.name not in external]
 
     def of_drive(
         self, parameters: Mapping[str, Any], folder: Path | None, lines: bool = False

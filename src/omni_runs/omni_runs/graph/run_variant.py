@@ -143,10 +143,10 @@ def run_variant(
         RunError: a node ended, stopped sending or lost data; the message names it.
     """
     with reserved_domain() as domain, tempfile.TemporaryDirectory(prefix="omni-") as scratch:
-        nodes = graph.Nodes(configuration, Path(scratch), lockstep).of_run(folder, recording)
+        nodes = graph.Nodes(configuration, Path(scratch), lockstep)
         try:
             with processes.ProcessGroup(node_environment(domain)) as group:
-                started = [group.start(node) for node in nodes if node.name not in external]
+                started = [group.start(node) for node in nodes.of_run(folder, recording, external)]
                 recorder, simulator = started[0], started[-1]
                 yield from group.await_begin(recorder, folder)
                 write_beside_bag(configuration, folder, recorder)
