@@ -47,6 +47,8 @@ _NOT_HERE = {  # beginning of a command, and why it is not run here
     "study robustness": "minutes: test_robustness.py has fewer runs",
     "study tuning": "minutes: test_tuning.py has fewer situations",
     "study table2": "test_studies.py",
+    "study steered_cameras": "test_steered_cameras.py",
+    "study rates": "test_rates.py has fewer stops",
     "study feedback": "minutes: test_feedback.py has fewer stops",
     "check-vehicle": "the reader's recording: test_mistakes.py drives some vehicles",
     "study straight_line --law": "a law of the reader's: test_extending.py writes one",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from pathlib import Path
 
 import numpy as np
@@ -31,6 +32,7 @@ def test_oblique_texture_does_not_rotate_the_vehicle() -> None:
     assert brakes_straight_or_with_every_wheel("sensors=lis_770i", *slow_over_wood)
 
 
+@functools.cache
 def stop(*overrides: str) -> RunHistory:
     chosen = ("feedback=optical", "ground=asphalt", *overrides)
     return run_closed_loop(ExperimentLibrary(CONFIG).load("straight_line", "assisted", chosen))
