@@ -293,10 +293,13 @@ class UnsuitableViews:
             if len(stamps) > 1:
                 return found
             ordinary = self._textures.decided
+        # A covered camera shows nothing of the ground.
         blind = [
             name
             for name in self._sensors
-            if readings[name].unmatched and not readings[name].measured
+            if name not in self._covered
+            and readings[name].unmatched
+            and not readings[name].measured
         ]
         cause = f"no match for {', '.join(blind)}" if blind else "the texture has few features"
         # A single twist confirms only textures that are ordinary according to it.

@@ -341,3 +341,16 @@ def test_a_camera_over_an_oblique_texture_leaves_the_others_unconfirmed() -> Non
     views.unsuitable(10**9, {}, np.zeros(3))
     assert not views.unconfirmed(10**9 + 10_000_000, later)
     assert set(views.unconfirmed(10**9 + 60_000_000, later)) == {"other"}
+
+
+def test_a_covered_camera_leaves_the_others_measured() -> None:
+    views = UnsuitableViews({"eye": CAMERA, "other": CAMERA})
+    for stamp_ns in (10**9 - 10**7, 10**9):
+        views.unsuitable(stamp_ns, {}, np.array((1.0, 0.0, 0.0)))
+    moving = SensorReading(1.0, 1e-6, 1.0, 1.0, True)
+    static = dataclasses.replace(moving, velocity=0.0, static_time=0.0096)
+    for stamp_ns in (10**9 + 10**7, 10**9 + 2 * 10**7):
+        readings = {"eye": static, "other": moving}
+        readings |= views.stopped(stamp_ns, readings)
+        assert readings["eye"].reason.startswith("covered: ")
+    assert not views.unconfirmed(10**9 + 10**8, readings)
