@@ -8,13 +8,18 @@ because gradients determine the displacement.
 """
 
 import math
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
+from linescan_odometry.joint.candidates import COMPARED, bands
+from linescan_odometry.joint.spectra import SIGNIFICANT
+from linescan_odometry.matching.transforms import transform_size
 from linescan_odometry.measurements import Decay
 from omni_core.kernels import declares, kernel
-from omni_core.quantities import Float32Array
+from omni_core.quantities import Float32Array, FloatArray
 from omni_core.signals import Lines
 
 _REACH = 0.5  # share of a line; larger shifts of a view are not compared
@@ -105,7 +110,10 @@ class Keyframe:
         if group:
             reach = _SEARCHED + int(_SEARCHED_SHARE * abs(self._shift))
             since = _compare(newest, group, (self._shift, reach), step)
-            decays.append(_decay(since, age, duration))
+            decay = _decay(since, age, duration)
+            if decay.least > _LEFT:
+                decay = decay._replace(blur=_blur(newest, group, since.shift, step))
+            decays.append(decay)
         if not group or decays[-1].most < _LEFT:
             self._group, self._stamp_ns, self._shift = newest, stamp_ns, 0.0
         return tuple(decays)
@@ -210,6 +218,7 @@ class _Common(NamedTuple):
         whole: largest possible geometric mean of these powers.
         variance: variance of `product`; infinite without a comparison.
         shifted: whether the view has shifted between the groups.
+        shift: shift at which they have most in common [px].
     """
 
     product: float
@@ -217,6 +226,7 @@ class _Common(NamedTuple):
     whole: float
     variance: float
     shifted: bool
+    shift: int
 
 
 @kernel
@@ -242,7 +252,7 @@ def _within(
         whole += one.whole
         variance += one.variance
         shifted = one.shifted
-    common = _Common(product, texture, whole, variance, shifted)
+    common = _Common(product, texture, whole, variance, shifted, 0)
     return _decay(common, count * period, count * period)
 
 
@@ -251,7 +261,7 @@ def _decay(common: _Common, age: float, duration: float) -> Decay:
     """Return what groups of a duration have in common, relative to their texture."""
     least, most = common.product / common.whole, common.product / common.texture
     variance = common.variance / common.texture**2
-    return Decay(age, duration, least, most, variance, common.shifted)
+    return Decay(age, duration, least, most, variance, common.shifted, math.inf)
 
 
 @kernel
@@ -265,11 +275,11 @@ def _compare(new: Group, old: Group, expected: tuple[float, int], step: int) -> 
         step: number of pixels in each of the two sums whose difference is a gradient.
     """
     shift, reach = round(expected[0]), expected[1]
-    shifted, most, number = abs(expected[0]) >= _SHIFTED, -math.inf, 0
+    shifted, most, number, found = abs(expected[0]) >= _SHIFTED, -math.inf, 0, shift
     for s in range(shift - reach, shift + reach + 1):
         product, count = _product(new, 0, old, 0, s)
         if count >= _FEWEST and product > most:
-            most, number = product, count
+            most, number, found = product, count, s
     # What even and odd lines have in common without the shift is a fixed pattern, or texture of low
     # frequency. Either way, the kept share is between two bounds.
     pattern = 0.0
@@ -278,14 +288,66 @@ def _compare(new: Group, old: Group, expected: tuple[float, int], step: int) -> 
     texture = _mean_power(new, old, max(pattern, 0.0))
     whole = _mean_power(new, old, min(pattern, 0.0))
     if number == 0 or not texture > 0.0:
-        return _Common(1.0, 1.0, 1.0, math.inf, shifted)
+        return _Common(1.0, 1.0, 1.0, math.inf, shifted, found)
     independent = _INDEPENDENT * number / step
     one, other = new.noise / texture, old.noise / texture
     mixed, kept = one + other + one * other, most / texture
     denominator = one + one**2 + other + other**2 + (mixed if pattern != 0.0 else 0.0)
     variance = (mixed + kept**2 * denominator) / independent
     variance += 1.0 / (independent * min(new.spread, old.spread))
-    return _Common(most, texture, whole, variance * texture**2, shifted)
+    return _Common(most, texture, whole, variance * texture**2, shifted, found)
+
+
+def _blur(new: Group, old: Group, shift: int, step: int) -> float:
+    """Return the largest blur along the line that the common texture of two groups allows [px].
+
+    A moving average over b pixels multiplies the power at the frequency f by ``sinc(f b)^2``, which
+    is at most ``1 / (pi f b)^2``. The power of natural texture does not increase with frequency, so
+    no blur is larger than the one that explains the power at a frequency relative to the largest
+    power at lower frequencies.
+
+    Args:
+        new: newer group.
+        old: older group.
+        shift: shift between them [px].
+        step: number of pixels in each of the two sums whose difference is a gradient.
+    """
+    by = new.first + shift - old.first
+    first, end = max(0, -by), min(new.gradients.shape[1], old.gradients.shape[1] - by)
+    if end - first < _FEWEST:
+        return math.inf
+    ahead, behind = new.gradients[0, first:end], old.gradients[0, first + by : end + by]
+    size = int(transform_size(2 * len(ahead)))
+    edges, white, center = _bands(size, step)
+    one, other = np.fft.rfft(np.stack((ahead, behind)), size)[:, : edges[-1]]
+    common = np.add.reduceat((one * other.conj()).real, edges[:-1])
+    whole = np.add.reduceat(0.5 * (np.abs(one) ** 2 + np.abs(other) ** 2), edges[:-1])
+    scale = 1.0 / (len(ahead) * white)
+    power, noise = scale * common, 0.5 * (new.noise + old.noise) / (2 * step)
+    certain = power - SIGNIFICANT * np.sqrt(4.0 * noise * scale * whole / np.diff(edges))
+    most = np.maximum(np.maximum.accumulate(power), 0.0)
+    blur = np.sqrt(most / np.maximum(certain, 1e-30)) / (np.pi * center)
+    return float(np.min(blur, where=certain > 0.0, initial=math.inf))
+
+
+@cache
+def _bands(size: int, step: int) -> tuple[NDArray[np.int64], FloatArray, FloatArray]:
+    """Return the frequency bands of a transform, and what `_differentiate` changes in them.
+
+    Args:
+        size: size of the transform [px].
+        step: number of pixels in each of the two sums whose difference is a gradient.
+
+    Returns:
+        Edges of the bands [bins], shape (B + 1,); in each band, the sum of the power of the
+        gradients of white noise with the variance 1, and the center [cycles per pixel], shape (B,).
+    """
+    edges = bands(size)
+    edges = edges[edges <= COMPARED * size]
+    f = np.pi * np.arange(1, edges[-1]) / size
+    power = np.append(0.0, 4.0 * np.sin(step * f) ** 4 / np.sin(f) ** 2)
+    center = np.sqrt(edges[:-1] * edges[1:]) / size
+    return edges, np.add.reduceat(power, edges[:-1]), center
 
 
 @kernel

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Mapping
 from typing import NamedTuple
 
@@ -28,6 +29,8 @@ class Decay(NamedTuple):
             without a comparison.
         shifted: whether the view has shifted along the axis in between; otherwise, a fixed pattern
             counts as texture that remains.
+        blur: largest blur along the axis that the spectrum of the common texture allows [px];
+            infinite if it is unknown.
     """
 
     age: float
@@ -36,6 +39,7 @@ class Decay(NamedTuple):
     most: float
     variance: float
     shifted: bool
+    blur: float = math.inf
 
 
 class Displacement(NamedTuple):
@@ -87,6 +91,7 @@ class SensorReading:
         features: effective number of independent features that move with the displacement.
         decays: loss of texture within the batch, and since an earlier batch.
         replaced: whether the view is constant, but was another one shortly before.
+        oblique: whether the variance contains the effect of an oblique texture.
     """
 
     velocity: float
@@ -102,6 +107,7 @@ class SensorReading:
     features: float = 1.0
     decays: tuple[Decay, ...] = ()
     replaced: bool = False
+    oblique: bool = False
 
     @classmethod
     def unmeasured(

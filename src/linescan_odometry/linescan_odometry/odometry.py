@@ -164,7 +164,7 @@ class LineScanOdometry:
                     trial.update({name: LineBatch(0, lines.astype(kind))})
             keyframe = Keyframe(sensor.pixels)
             for stamp_ns in (0, 1):
-                keyframe.compare(stamp_ns, 1.0, moving, 1.0)
+                keyframe.compare(stamp_ns, 1.0, at_rest, 0.0)
             kept(at_rest[:2].astype(np.uint16), at_rest[0].astype(np.uint16), 1)
 
     def _read(self, name: str, batch: LineBatch | None) -> SensorReading:

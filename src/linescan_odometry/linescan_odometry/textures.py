@@ -6,6 +6,10 @@ width of the view. If the texture is oblique to the axis, the same stripes remai
 shift along the line, so motion across the axis looks like motion along it. A single camera cannot
 distinguish the two motions. The twist, however, gives the motion across the axis, and thus how much
 of the ground should remain: if more of the texture remains, it is oblique.
+
+The slope of an oblique texture is limited by its finest details. A stripe that remains in the view
+extends over its whole width, so the average over the width blurs it along the axis, by the product
+of slope and width. The effect of a slope up to this limit is added to the variance.
 """
 
 import dataclasses
@@ -23,7 +27,6 @@ _ORDINARY = 0.25
 _OBLIQUE = 0.5
 # m/s, standard deviation; a texture of unknown slope confirms no other camera above it
 _WIDEST = 0.5
-_SLOWEST = 0.03  # m/s across the axis; at lower speeds, oblique texture causes no significant error
 
 
 class Textures:
@@ -49,7 +52,7 @@ class Textures:
     def sloping(
         self, stamp_ns: int, readings: Mapping[str, SensorReading], across: Mapping[str, float]
     ) -> dict[str, SensorReading]:
-        """Return the readings of textures with an unknown slope, with increased variance.
+        """Return the readings of oblique textures and of unknown slopes, with increased variance.
 
         Args:
             stamp_ns: stamp of the readings [ns].
@@ -58,15 +61,41 @@ class Textures:
         """
         sloping = {}
         for name, reading in readings.items():
-            if name in self._sensors and reading.measured and reading.slope > 0.0:
-                share = 1.0  # a constant view loses no texture
-                if reading.static_time == 0.0:
+            if name not in self._sensors or not reading.measured or reading.oblique:
+                continue
+            texture = self._texture(stamp_ns, name, reading, across[name])
+            if texture and texture[1]:
+                slope, reason, oblique = self._steepest(name, reading), texture[1], True
+            elif reading.slope > 0.0:
+                reason, oblique, share = "uncertain: the texture may be oblique", False, 1.0
+                if reading.static_time == 0.0:  # a constant view loses no texture
                     share = self._slope_share(stamp_ns, name, reading, across[name])
-                variance = reading.variance + share * (reading.slope * across[name]) ** 2
-                sloping[name] = dataclasses.replace(reading, variance=variance, slope=0.0)
-                if reading.static_time == 0.0 and variance > _WIDEST**2:
-                    sloping[name] = reading.rejected("uncertain: the texture may be oblique")
+                slope = math.sqrt(share) * reading.slope
+            else:
+                continue
+            variance = reading.variance + (slope * across[name]) ** 2
+            sloping[name] = dataclasses.replace(
+                reading, variance=variance, slope=0.0, oblique=oblique
+            )
+            if variance > _WIDEST**2 and (oblique or reading.static_time == 0.0):
+                sloping[name] = dataclasses.replace(reading.rejected(reason), decays=reading.decays)
         return sloping
+
+    def _steepest(self, name: str, reading: SensorReading) -> float:
+        """Return the standard deviation of the slope of an oblique texture [1].
+
+        It is the limit on the slope, with the error of the velocity across the axis, which other
+        cameras measure over the same texture: for a slope s, the variances of the two velocities
+        obey ``V = s^2 (v^2 + V)``. Textures with a slope of 1 or more determine no motion.
+
+        Args:
+            name: name of the camera.
+            reading: reading of the camera.
+        """
+        sensor = self._sensors[name]
+        blur = min((decay.blur for decay in reading.decays), default=math.inf)
+        slope = blur * sensor.pixel_pitch / sensor.width
+        return slope / math.sqrt(1.0 - slope**2) if slope < 1.0 else math.inf
 
     def _slope_share(
         self, stamp_ns: int, name: str, reading: SensorReading, across: float
@@ -148,28 +177,23 @@ class Textures:
         path = self._paths.length(name, stamp_ns, decay.age, across) / width
         return common_ground(path, blur) / common_ground(0.0, blur)
 
-    def oblique(
+    def decide(
         self, stamp_ns: int, readings: Mapping[str, SensorReading], across: Mapping[str, float]
-    ) -> dict[str, SensorReading]:
-        """Return the readings of the cameras over oblique textures, marked as unmeasured.
+    ) -> None:
+        """Store the decisions whether the textures of measured readings are oblique.
 
         Args:
             stamp_ns: stamp of the readings [ns].
             readings: readings of all cameras, keyed by name.
             across: velocity across the axis of each watched camera [m/s].
         """
-        rejected = {}
         for name, reading in readings.items():
-            if name not in self._sensors or not reading.measured:
+            if name not in self._sensors or not reading.decays:
                 continue
             texture = self._texture(stamp_ns, name, reading, across[name])
-            if texture is None:
-                self._textures.pop(name, None)
-                continue
-            self._textures[name] = texture
-            if texture[1] and abs(across[name]) > _SLOWEST:
-                rejected[name] = reading.rejected(texture[1])
-        return rejected
+            self._textures.pop(name, None)
+            if texture:
+                self._textures[name] = texture
 
 
 def common_ground(path: float, blur: float) -> float:

@@ -252,9 +252,8 @@ class UnsuitableViews:
     ) -> dict[str, SensorReading]:
         """Return the readings of cameras with unsuitable views, marked as unmeasured.
 
-        If cameras are occluded, the result contains the reading of one of them. Otherwise, it
-        contains the readings of all cameras over oblique textures. It is keyed by camera name. If
-        it is empty, the twist is stored for comparisons with later views.
+        If cameras are occluded, the result contains the reading of one of them. It is keyed by
+        camera name. If it is empty, the twist is stored for comparisons with later views.
 
         Args:
             stamp_ns: stamp of the readings [ns].
@@ -263,8 +262,8 @@ class UnsuitableViews:
                 fault-free cameras would seem occluded.
         """
         found = self._contradicted(stamp_ns, readings, twist)
-        found = found or self._textures.oblique(stamp_ns, readings, self._across(twist))
         if not found:
+            self._textures.decide(stamp_ns, readings, self._across(twist))
             self._remember(stamp_ns, twist)
         return found
 
@@ -290,14 +289,17 @@ class UnsuitableViews:
         if stamps and 0 < stamp_ns - stamps[-1] < GAP_NS:
             across = self._across(self._twists[-1].twist)
             found = self._textures.sloping(stamp_ns, readings, across)
-            found |= self._textures.oblique(stamp_ns, {**readings, **found}, across)
+            self._textures.decide(stamp_ns, {**readings, **found}, across)
             if len(stamps) > 1:
                 return found
             ordinary = self._textures.decided
+        # A covered camera shows nothing of the ground.
         blind = [
             name
             for name in self._sensors
-            if readings[name].unmatched and not readings[name].measured
+            if name not in self._covered
+            and readings[name].unmatched
+            and not readings[name].measured
         ]
         cause = f"no match for {', '.join(blind)}" if blind else "the texture has few features"
         # A single twist confirms only textures that are ordinary according to it.

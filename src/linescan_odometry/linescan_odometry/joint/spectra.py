@@ -36,8 +36,8 @@ SIGNIFICANT = 3.0  # standard deviations; larger deviations are not attributed t
 FEWEST_LINES = 8
 """Minimum number of lines for the estimation of a fixed pattern."""
 
-# Smallest difference of a defective pixel from its neighbors, as a multiple of the median
-# difference of all pixels [1]: about 6 standard deviations.
+# Smallest difference of a defective pixel from its neighbors, as a multiple of the median of all
+# pixels that differ [1]: about 6 standard deviations.
 _OUTSTANDING = 9.0
 
 fast = njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "nsz"})
@@ -104,7 +104,9 @@ def _defects(lines: Lines) -> NDArray[np.int64]:
         low, high = max(min(a, b), min(c, d)), min(max(a, b), max(c, d))
         excess[i] = mean[i] - min(max(mean[i], min(low, high)), max(low, high))
     deviation = np.abs(excess)
-    limit = max(_OUTSTANDING * np.median(deviation), 1.0)
+    # On the slopes of a smooth ground, most pixels lie between their neighbors.
+    apart = deviation[deviation > 0.0]
+    limit = max(_OUTSTANDING * np.median(apart), 1.0) if len(apart) > 0 else 1.0
     defective = deviation > limit
     for pixel in np.flatnonzero(defective):
         for line in lines:
