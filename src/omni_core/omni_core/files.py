@@ -10,10 +10,6 @@ import tempfile
 from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
 
-import numpy as np
-
-from omni_core.quantities import FloatArray
-
 
 def read_text(path: Path, encoding: str = "utf-8-sig") -> str:
     """Return the content of a text file; by default UTF-8, without a byte order mark.
@@ -55,8 +51,8 @@ def replaced(path: Path) -> Iterator[Path]:
 
 def read_columns(
     path: Path, units: Mapping[str, str], positive: Collection[str] = ()
-) -> FloatArray:
-    """Return columns of numbers from a CSV file, in the order of `units`.
+) -> list[list[float]]:
+    """Return the rows of a CSV file, with its columns of numbers in the order of `units`.
 
     The first line names the columns in any order, in capital or small letters, with or without
     their unit, such as ``load`` or ``load_N``; other columns are ignored. Lines that begin with
@@ -66,9 +62,6 @@ def read_columns(
         path: file with values separated by commas.
         units: unit of each required column, keyed by its name.
         positive: columns whose values must be above 0.
-
-    Returns:
-        Numbers, shape (rows, columns).
 
     Raises:
         OSError: the file cannot be read; `strerror` is the reason.
@@ -87,20 +80,21 @@ def read_columns(
     except csv.Error as error:
         raise ValueError(f"is not a CSV file: {error}") from None
     places = _find_columns(header, units)
-    values = np.empty((len(rows), len(units)))
-    for k, ((number, _), row) in enumerate(zip(numbered[1:], rows, strict=True)):
+    table = []
+    for (number, _), row in zip(numbered[1:], rows, strict=True):
         if any(row[len(header) :]):
             raise ValueError(
                 f"line {number}: there are {len(row)} values, but the first line names "
                 f"{len(header)}; a number must have a decimal point, not a comma"
             )
-        values[k] = [_number(row, place, name, number) for name, place in places.items()]
-        for name, value in zip(places, values[k], strict=True):
+        values = [_number(row, place, name, number) for name, place in places.items()]
+        for name, value in zip(places, values, strict=True):
             if name in positive and value <= 0.0:
                 raise ValueError(
                     f"line {number}: the {name} {value:g} {units[name]} must be above 0"
                 )
-    return values
+        table.append(values)
+    return table
 
 
 def _find_columns(header: list[str], units: Mapping[str, str]) -> dict[str, int]:

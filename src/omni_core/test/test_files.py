@@ -125,4 +125,4 @@ def test_a_table_of_any_spreadsheet_is_read(end: str, tmp_path: Path) -> None:
     path = tmp_path / "data.csv"
     lines = ("# rig 3", "Force_N, speed , SLIP,load,", "900,20, 0.02,3000,", "", '-9,2,-0.5,"25",')
     path.write_text("\ufeff" + end.join(lines), encoding="utf-8", newline="")
-    assert read_columns(path, UNITS).tolist() == [[0.02, 3000.0, 900.0], [-0.5, 25.0, -9.0]]
+    assert read_columns(path, UNITS) == [[0.02, 3000.0, 900.0], [-0.5, 25.0, -9.0]]

@@ -30,7 +30,7 @@ def read_demands(path: Path, key: str) -> dict[str, list[float]]:
     """
     try:
         if path.suffix.lower() == ".csv":
-            table = read_columns(path, _UNITS)
+            table = np.array(read_columns(path, _UNITS))
         else:
             table = _read_recording(path)
         if not len(table):

@@ -50,7 +50,7 @@ def read_tire_data(path: Path) -> TireData:
         raise TireDataError(f"cannot read the file: {error.strerror}") from None
     except ValueError as error:
         raise TireDataError(str(error)) from None
-    data = TireData(*np.ascontiguousarray(values.T))
+    data = TireData(*np.reshape(values, (-1, 3)).T.copy())
     _check_units(data)
     return data
 
