@@ -6,10 +6,11 @@ from typing import NamedTuple
 import numpy as np
 
 from linescan_odometry.joint import candidates, spectra, static
-from linescan_odometry.joint.details import limited, spread
+from linescan_odometry.joint.details import limited
 from linescan_odometry.joint.fit import UNSCALED, Scaling, noise_of
 from linescan_odometry.joint.likelihood import window
 from linescan_odometry.joint.maximum import FEWEST, Camera, Solution, View, moving, slow
+from linescan_odometry.joint.shadows import may_be_shadow, only_ground
 from linescan_odometry.matching.transforms import transform_size
 from linescan_odometry.measurements import Displacement, Unmeasured
 from linescan_odometry.plausibility import Plausibility
@@ -26,9 +27,6 @@ _TWO_MOTIONS = 0.25  # px; limit on `Fit.difference`; a larger difference indica
 _WIDEST = 1.0  # m/s; a velocity with a larger standard deviation is of no use to a vehicle
 _AGREE = 4.0  # standard deviations up to which two successive displacements agree
 _SHIFTED = 3 * candidates.APART  # px within a batch; beyond it, ground and pattern can be separated
-# Sections of a line (`PLACES`) whose details a bar of shadow changes: around each of its two edges,
-# 3 in which the moving average differs from the lines, and 0.75 of penumbra.
-_SHADOW = 2.0 * (3.0 + 0.75)
 _DARKEST = 0.1  # gray level that is added before the logarithm, relative to the mean gray level
 
 
@@ -380,6 +378,10 @@ def _choose(
     if several:
         # The mean of the lines contains ground that moves slowly, the known pattern does not.
         several = candidates.ambiguous(found, candidates.rate(view.usual, layout, found), best)
+    known = layout.lines >= spectra.FEWEST_LINES
+    if known and (several or may_be_shadow(np.array([found[best], 0.0]), view, layout)):
+        ground = only_ground(view, layout, evidence)
+        best, several = (ground, False) if ground >= 0 else (best, several)
     return found[best], True, True, weak, "ambiguous" if several else ""
 
 
@@ -422,20 +424,5 @@ def _flaw(
         return ""
     few = best.features < FEWEST
     if layout.lines >= spectra.FEWEST_LINES:
-        few = _may_be_shadow(best.motion, view, layout)
+        few = may_be_shadow(best.motion, view, layout)
     return "dominated by few features" if few else ""
-
-
-@kernel
-def _may_be_shadow(motion: spectra.Doubles, view: View, layout: candidates.Layout) -> bool:
-    """Return whether all that moves with a displacement may be a bar of shadow.
-
-    Args:
-        motion: displacement per line [px] and its change from line to line [px], shape (2,).
-        view: the batch.
-        layout: sizes of the batch.
-    """
-    which = candidates.persistent(view.remainder, layout, motion[0])
-    distance = candidates.spacings(layout.lines)[which]
-    number, others = spread(view.details, motion, distance, math.ceil(_SHADOW))
-    return bool(number < _SHADOW and others < spectra.SIGNIFICANT)
