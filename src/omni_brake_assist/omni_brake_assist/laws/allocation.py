@@ -80,7 +80,7 @@ def step(
         body.mass = law.mass
         body.inverse_mass, body.inverse_variance = 1.0 / law.mass, (MASS / law.mass) ** 2
         memory.sent[:] = memory.qp.solution[:] = wheel["brake"][:] = wheel["force"][:] = 0.0
-        wheel["lost"][:] = wheel["late_brake"][:] = body.contradiction[:] = 0.0
+        wheel["idle"][:] = wheel["lost"][:] = wheel["late_brake"][:] = body.contradiction[:] = 0.0
         body.pushed = body.span = 0.0
         wheel["capacity"][:] = law.mass * GRAVITY / wheel.size
     enough = observe(law, memory, motion, error) and motion.pedal > 0.0

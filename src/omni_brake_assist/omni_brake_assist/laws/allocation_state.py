@@ -26,7 +26,9 @@ WHEEL = np.dtype(
         ("hub", "f8"),  # speed of the hub along the active direction [m/s]
         ("speed", "f8"),  # speed of the rim in the sense of rolling, at least 0 [m/s]
         ("last_speed", "f8"),  # speed of the rim in the last step [m/s]
-        ("known", "?"),  # whether the wheel speed is measured; if not, rolling is assumed
+        # Whether the wheel speed is measured and plausible; if not, rolling is assumed.
+        ("known", "?"),
+        ("idle", "f8"),  # time for which friction should have turned a wheel that reads 0 [s]
         # Whether the enable stays 1, because the brake has failed or the motion hardly drives the
         # wheel. The friction of a wheel that the motion hardly drives only opposes a drift.
         ("fixed", "?"),

@@ -14,6 +14,7 @@ the next inner loop.
 
 import math
 
+from omni_brake_assist.filter_bank.state import UNKNOWN_LAG
 from omni_brake_assist.laws.allocation_state import CASCADE, Constants, Memory
 from omni_brake_assist.laws.law import Motion
 from omni_brake_assist.laws.wheel_model import BrakedWheel, advance_rim, command_at, lagged
@@ -27,7 +28,7 @@ _LEAST_CAPACITY = 1.0  # lower limit, so that shares of the capacity are defined
 
 @lean
 def observe(law: Constants, memory: Memory, motion: Motion, error: FloatArray) -> bool:
-    """Update all estimates; return whether the speeds of at least half of the wheels are known.
+    """Update all estimates; return whether at least half of the wheels have a speed reading.
 
     Args:
         law: constants of the law.
@@ -53,7 +54,8 @@ def _observe_wheels(law: Constants, memory: Memory, motion: Motion, error: Float
         Number of wheels with a speed reading.
     """
     body, limit = memory.body[0], law.locked_share * math.hypot(motion.v_x, motion.v_y)
-    expected = lost = known = 0.0
+    expected = lost = readings = 0.0
+    longest = memory.wheel["idle"].argmax()  # at most one encoder is assumed to be faulty
     for i, wheel in enumerate(memory.wheel):
         carried = law.active[i, 0] * motion.v_x + law.active[i, 1] * motion.v_y
         along = carried + law.active[i, 2] * motion.yaw_rate
@@ -63,8 +65,9 @@ def _observe_wheels(law: Constants, memory: Memory, motion: Motion, error: Float
         holds = wheel.hub <= limit and abs(rolled) <= law.locked_share * abs(carried)
         wheel.sign = math.copysign(1.0, carried if holds else along)
         wheel.fixed = i == motion.failed_brake or max(abs(carried), wheel.hub) <= limit
-        wheel.known = math.isfinite(rolled)
-        known += wheel.known
+        idle = _measure_idle(law, memory, i, rolled, limit) and i == longest
+        wheel.known = math.isfinite(rolled) and not idle
+        readings += math.isfinite(rolled)
         wheel.last_speed = wheel.speed
         wheel.speed = max(wheel.sign * rolled, 0.0) if wheel.known else wheel.hub
         error[i] = wheel.hub - (1.0 + law.target_slip[i]) * wheel.speed
@@ -80,7 +83,35 @@ def _observe_wheels(law: Constants, memory: Memory, motion: Motion, error: Float
         if not body.responded:
             body.dead_time += body.dt
             memory.wheel["brake"][:] = 0.0
-    return known
+    return readings
+
+
+@lean
+def _measure_idle(law: Constants, memory: Memory, i: int, rolled: float, limit: float) -> bool:
+    """Return whether a wheel has read 0 for longer than a locked wheel could remain locked.
+
+    If the brake force falls below the friction capacity, a locked wheel turns as soon as the brake
+    has followed, within `UNKNOWN_LAG`. If it does not turn, its encoder is faulty, or the friction
+    has decreased. Rolling is then the better assumption: slip control would otherwise keep the
+    brake force low to let the wheel turn, although the law expects the whole capacity. The
+    assumption holds until the wheel turns.
+
+    The idle time is weighted with the share of the capacity that accelerates the wheel.
+
+    Args:
+        law: constants of the law.
+        memory: memory of the law.
+        i: index of the wheel.
+        rolled: measured speed of the rim along the active direction [m/s].
+        limit: speed of the hub up to which the motion does not turn the wheel [m/s].
+    """
+    wheel = memory.wheel[i]
+    if not abs(rolled) <= law.locked_share * wheel.hub:
+        wheel.idle = 0.0
+    elif wheel.known and wheel.hub > limit:
+        excess = 1.0 - wheel.brake / wheel.capacity
+        wheel.idle = wheel.idle + memory.body[0].dt * excess if excess > 0.0 else 0.0
+    return bool(wheel.idle >= UNKNOWN_LAG)
 
 
 @lean

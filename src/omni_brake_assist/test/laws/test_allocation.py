@@ -23,6 +23,7 @@ from omni_brake_assist.laws.wheel_model import (
 )
 from omni_core.brakes import ON_OFF, PROPORTIONAL, BrakeConfiguration
 from omni_core.geometry import PlatformGeometry, WheelMount
+from omni_core.quantities import FloatArray
 
 Wheels = dict[str, WheelMount]
 
@@ -391,6 +392,37 @@ def test_the_force_of_a_wheel_without_a_speed_is_at_most_its_capacity(mecanum: W
     wheel = memory.wheel[0]
     assert 0.0 < wheel["force"] <= wheel["capacity"]
     assert 0.0 < wheel["measured"] <= wheel["capacity"]
+
+
+def _stop_with_zeros(wheels: Wheels, zeros: tuple[int, ...]) -> tuple[Memory, FloatArray]:
+    """Return memory and enables after 0.4 s of a stop in which some encoders read 0."""
+    law, memory = _law(wheels)
+    enable = np.zeros(4)
+    for step in range(40):
+        motion = _motion(8.0 - 0.06 * step, 5.0 * (8.0 - 0.06 * step), 4, first=step == 0)
+        motion.wheel_speed[list(zeros)] = 0.0
+        allocation.step(law, memory, motion, np.zeros(4), enable)
+    return memory, enable
+
+
+def test_a_wheel_that_reads_0_although_it_cannot_be_locked_is_braked_as_if_it_rolled(
+    mecanum: Wheels,
+) -> None:
+    memory, enable = _stop_with_zeros(mecanum, (0,))
+    assert memory.wheel["known"].tolist() == [False, True, True, True]
+    assert enable[0] > 0.5 * enable[1:].min()
+
+
+def test_at_most_one_wheel_that_reads_0_counts_as_rolling(mecanum: Wheels) -> None:
+    memory, _ = _stop_with_zeros(mecanum, (0, 2))
+    assert np.sum(~memory.wheel["known"]) == 1
+
+
+def test_a_wheel_that_read_0_is_known_again_as_soon_as_it_turns(mecanum: Wheels) -> None:
+    memory, enable = _stop_with_zeros(mecanum, (0,))
+    law, _ = _law(mecanum)
+    allocation.step(law, memory, _motion(5.6, 20.0, 4, first=False), np.zeros(4), enable)
+    assert memory.wheel["known"].all()
 
 
 def test_a_wheel_whose_encoder_was_wrong_has_the_capacity_of_the_other_wheels(

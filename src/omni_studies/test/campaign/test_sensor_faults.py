@@ -164,6 +164,17 @@ def test_an_alternating_error_makes_no_stop_worse(
     assert stop.assisting
 
 
+@pytest.mark.parametrize(("wheel", "onset"), [(1, -0.04), (1, 0.0), (1, 0.32)])
+def test_an_encoder_that_reads_0_while_its_wheel_brakes_makes_no_stop_longer(
+    stops: FaultyStops, wheel: int, onset: float
+) -> None:
+    setting = Setting("allocation", True, "three_wheel_diagonal")
+    stop = stops.run(setting, SensorFault("encoder", "zero", wheel, onset, 0.0, 0.1))
+    assert stop.rest
+    assert stop.distance <= DISTANCE
+    assert stop.rotation <= ROTATION
+
+
 def test_a_gyro_fault_just_before_the_pedal_is_no_offset_of_the_twist(
     stops: FaultyStops,
 ) -> None:
