@@ -104,7 +104,7 @@ def _defects(lines: Lines) -> NDArray[np.int64]:
         low, high = max(min(a, b), min(c, d)), min(max(a, b), max(c, d))
         excess[i] = mean[i] - min(max(mean[i], min(low, high)), max(low, high))
     deviation = np.abs(excess)
-    # On the slopes of a smooth ground, most pixels lie between their neighbors.
+    # On the slopes of a smooth ground, most pixels are between their neighbors.
     apart = deviation[deviation > 0.0]
     limit = max(_OUTSTANDING * np.median(apart), 1.0) if len(apart) > 0 else 1.0
     defective = deviation > limit

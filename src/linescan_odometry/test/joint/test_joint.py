@@ -458,7 +458,7 @@ def test_defective_pixels_are_interpolated_and_only_they(expose: Expose) -> None
 
 @pytest.mark.parametrize("gains", [0.01, 0.02, 0.05])
 def test_unequal_pixels_on_a_smooth_ground_are_not_defective(gains: float) -> None:
-    """Most pixels lie between their neighbors, on the slopes of the ground."""
+    """Most pixels are between their neighbors, on the slopes of the ground."""
     generator = np.random.default_rng(7)
     ground = gaussian_filter1d(generator.normal(0.0, 1.0, 2048), 6.0)
     lines = (110.0 + 20.0 * ground / ground.std()) * (1.0 + gains * generator.normal(size=2048))
