@@ -16,7 +16,7 @@ import math
 
 from omni_brake_assist.filter_bank.state import UNKNOWN_LAG
 from omni_brake_assist.laws.allocation_state import CASCADE, Constants, Memory
-from omni_brake_assist.laws.law import Motion
+from omni_brake_assist.laws.law import NO_WHEEL, Motion
 from omni_brake_assist.laws.wheel_model import BrakedWheel, advance_rim, command_at, lagged
 from omni_core.kernels import lean
 from omni_core.quantities import GRAVITY, FloatArray
@@ -55,7 +55,8 @@ def _observe_wheels(law: Constants, memory: Memory, motion: Motion, error: Float
     """
     body, limit = memory.body[0], law.locked_share * math.hypot(motion.v_x, motion.v_y)
     expected = lost = readings = 0.0
-    longest = memory.wheel["idle"].argmax()  # at most one encoder is assumed to be faulty
+    # At most one encoder is assumed to be faulty, and none after a brake has failed.
+    longest = memory.wheel["idle"].argmax() if motion.failed_brake == NO_WHEEL else NO_WHEEL
     for i, wheel in enumerate(memory.wheel):
         carried = law.active[i, 0] * motion.v_x + law.active[i, 1] * motion.v_y
         along = carried + law.active[i, 2] * motion.yaw_rate
