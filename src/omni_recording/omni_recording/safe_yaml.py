@@ -1,5 +1,6 @@
 """Fast reading of YAML from files of unknown origin, and fast writing."""
 
+import re
 from typing import Any
 
 import yaml
@@ -7,6 +8,13 @@ import yaml
 LARGEST_YAML = 1 << 20
 """Limit on the number of characters of a configuration, and on the number of values in any YAML
 text after aliases are replaced. Reading so much text takes a few seconds."""
+
+FLOAT = (
+    "tag:yaml.org,2002:float",
+    re.compile(r"[-+]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)[eE][-+]?[0-9]+\Z"),
+    list("-+.0123456789"),
+)
+"""Tag, pattern and first characters of numbers with an exponent that YAML 1.1 reads as texts"""
 
 # Errors of PyYAML's constructors if a value does not fit its explicit tag, as in `!!bool maybe`.
 _UNFIT = (AttributeError, IndexError, KeyError, TypeError)
@@ -59,6 +67,13 @@ class SafeLoader(yaml.composer.Composer, yaml.CSafeLoader):
             raise yaml.constructor.ConstructorError(None, None, problem, node.start_mark) from None
 
 
+class _Dumper(yaml.CSafeDumper):
+    """Writer that quotes a text which a reader of `FLOAT` would read as a number, like 3e57."""
+
+
+_Dumper.add_implicit_resolver(*FLOAT)
+
+
 def in_yaml(document: Any) -> str:
     """Return a document as YAML, with all keys in their order."""
-    return str(yaml.dump(document, Dumper=yaml.CSafeDumper, sort_keys=False))
+    return str(yaml.dump(document, Dumper=_Dumper, sort_keys=False))

@@ -21,7 +21,7 @@ from omni_core.configuration import (
     join_key,
 )
 from omni_core.files import read_text
-from omni_recording.safe_yaml import LARGEST_YAML, SafeLoader
+from omni_recording.safe_yaml import FLOAT, LARGEST_YAML, SafeLoader
 
 _NO_NOTES: Mapping[str, str] = {}
 _LONGEST = 110  # limit on the number of characters of a mapping or list on one line
@@ -48,13 +48,9 @@ class _Loader(SafeLoader):
         return super().construct_mapping(node, deep)
 
 
-_NUMBERS = ("tag:yaml.org,2002:int", "tag:yaml.org,2002:float")
+_NUMBERS = ("tag:yaml.org,2002:int", FLOAT[0])
 _OTHER_BASE = re.compile(r"[-+]?0[0-7_]+\Z|.*:")
-_Loader.add_implicit_resolver(
-    _NUMBERS[1],
-    re.compile(r"[-+]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)[eE][-+]?[0-9]+\Z"),
-    list("-+.0123456789"),
-)
+_Loader.add_implicit_resolver(*FLOAT)
 
 
 @functools.lru_cache(maxsize=100)

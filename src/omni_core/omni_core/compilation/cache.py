@@ -7,8 +7,9 @@ functions, constants and tuple classes to which the kernel refers, directly or i
 may contain several versions of a kernel.
 
 Processes share the cache: the first process that needs a kernel compiles it, and other processes
-that need the same kernel wait for it. numba itself has no such lock: without it, two
-processes that store the same kernel at the same time could damage its index file.
+that need the same kernel wait for it, but not for ever: it may have been halted, or the compilation
+may have failed. numba itself has no such lock: without it, two processes that store the same kernel
+at the same time could damage its index file.
 
 If the user cannot write to any folder of the cache, stored kernels are used, and other kernels are
 compiled in each process.
@@ -24,6 +25,7 @@ import os
 import pickle
 import re
 import sys
+import time
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from types import CodeType, FunctionType, ModuleType
@@ -45,6 +47,7 @@ _LINKAGE = hashlib.sha256(
         one.__name__.encode() + Path(str(one.__file__)).read_bytes() for one in (code, references)
     )
 ).hexdigest()
+_LONGEST_WAIT = 120.0  # [s] for another process; a kernel takes at most 20 s of CPU time
 _KEPT_VERSIONS = 3  # versions of a kernel on disk, so that another branch need not be compiled
 
 
@@ -103,18 +106,30 @@ class KernelCache:
         version = f"{self._digest}.{hashlib.sha256(target.encode()).hexdigest()[:16]}"
         return Path(self.cache_path, f"{self._prefix}{version}.nbc")
 
-    def _lock(self, operation: int) -> None:
-        """Lock the kernel against other processes, or unlock it.
+    def _lock(self) -> None:
+        """Lock the kernel against other processes, or compile it as well after `_LONGEST_WAIT`.
 
         A caller is locked before its callees, so two processes never wait for each other. When a
         process ends, its locks are released.
+        """
+        deadline = time.monotonic() + _LONGEST_WAIT
+        while not self._locked(fcntl.LOCK_EX | fcntl.LOCK_NB) and time.monotonic() < deadline:
+            time.sleep(0.02)
+
+    def _locked(self, operation: int) -> bool:
+        """Lock or unlock the kernel; return False if another process has locked it.
 
         Args:
-            operation: `fcntl.LOCK_EX` to lock, `fcntl.LOCK_UN` to unlock.
+            operation: `fcntl.LOCK_EX` with `fcntl.LOCK_NB`, or `fcntl.LOCK_UN`.
         """
-        with contextlib.suppress(OSError):  # a file system without locks, a folder of another user
+        try:
             Path(self.cache_path).mkdir(parents=True, exist_ok=True)
             fcntl.lockf(_lock_file(self.cache_path), operation, 1, int(self._digest[:15], 16))
+        except BlockingIOError:
+            return False
+        except OSError:  # a file system without locks, a folder of another user
+            pass
+        return True
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """Return the stored kernel for a signature; None if there is none."""
@@ -123,10 +138,10 @@ class KernelCache:
         if result is None:
             if _stored_only:
                 raise NotStoredError(self.dispatcher.py_func.__qualname__)
-            self._lock(fcntl.LOCK_EX)
+            self._lock()
             result = self._stored(sig, target_context)  # stored meanwhile by another process
             if result is not None:
-                self._lock(fcntl.LOCK_UN)
+                self._locked(fcntl.LOCK_UN)
         return result
 
     def _stored(self, sig: Any, target_context: Any) -> Any:
@@ -150,7 +165,7 @@ class KernelCache:
             if stored is not None:
                 with replaced(self.file(sig)) as file:
                     file.write_bytes(pickle.dumps(stored))
-        self._lock(fcntl.LOCK_UN)
+        self._locked(fcntl.LOCK_UN)
         with contextlib.suppress(OSError):  # another process deletes them, too
             files = sorted(Path(self.cache_path).glob(f"{self._prefix}*"), key=os.path.getmtime)
             versions = [file.name.split(".")[-3] for file in files]

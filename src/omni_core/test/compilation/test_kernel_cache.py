@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import fcntl
 import math
 import os
 import subprocess
@@ -182,6 +183,16 @@ def test_of_two_processes_one_compiles_a_kernel(folder: Path) -> None:
         ["113.0 0.0 5.0", "cached", "cached", "cached"],
         ["113.0 0.0 5.0", "compiled", "cached", "cached"],
     ]
+
+
+def test_a_process_that_never_stores_its_kernel_stops_no_other(folder: Path) -> None:
+    """It was halted, or its compilation failed."""
+    path = folder / "kernel.py"
+    path.write_text(path.read_text().replace("x - 1.0", "x - 2.0"))
+    program = "from omni_core.compilation import cache; cache._LONGEST_WAIT = 0.1" + CALL
+    with (folder / "cache" / "lock").open("ab") as lock:
+        fcntl.lockf(lock, fcntl.LOCK_EX)
+        assert call(folder, program) == ["107.0 -1.0 5.0", "cached", "compiled", "cached"]
 
 
 @linked

@@ -129,6 +129,12 @@ def test_versions_that_are_equal_or_unknown_are_not_named(tmp_path: Path) -> Non
     assert other_versions(tmp_path) == []
 
 
+def test_a_commit_that_looks_like_a_number_is_a_text(tmp_path: Path) -> None:
+    (tmp_path / VERSIONS).write_text(in_yaml(versions() | {"commit": "3e574327"}))
+    (other,) = other_versions(tmp_path)
+    assert other.startswith("commit 3e574327 (here ")
+
+
 def test_sideslip_angles_come_with_the_twist(tmp_path: Path) -> None:
     wheel = {"sensor": "front", "x": 0.6, "y": 0.0, "minimum_speed": 2.0}
     sets = [f"--set=odometry.sideslip.nose.{key}={value}" for key, value in wheel.items()]
