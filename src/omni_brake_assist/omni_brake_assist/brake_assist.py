@@ -221,7 +221,10 @@ class BrakeAssist:
         ready, motion = assist_step.receive(constants, memory, inputs)
         answer, problem = NO_HELP, ""
         if ready:
-            answer, problem = call_law(self._law, motion, error, enable, enabled=inputs.enabled)
+            step = constants.laws.allocation.brake.pressure_step
+            answer, problem = call_law(
+                self._law, motion, error, enable, step, enabled=inputs.enabled
+            )
         if problem:
             self._faults[conditions.INTERNAL_ERROR] = Fault(AssistState.INTERNAL_ERROR, problem)
         outcome = assist_step.act(

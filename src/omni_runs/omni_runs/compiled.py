@@ -378,12 +378,13 @@ def _run_own(law: Law, run: _Run, first: int, last: int) -> tuple[int, int]:
     The law is called between the two compiled halves of a step, `receive` and `act`.
     """
     error, enable = run.scratch.error, run.scratch.enable
+    step = run.assist.laws.allocation.brake.pressure_step
     stamp, outcome = _run_part(run, first, last, _NOTHING, True)
     while stamp < last and outcome == run_progress.RUNNING:
         inputs = _inputs(run, stamp)
         error[:] = 0.0
         ready, motion = assist_step.receive(run.assist, run.memory, inputs)
-        answer, _ = call_law(law, motion, error, enable) if ready else (NO_HELP, "")
+        answer, _ = call_law(law, motion, error, enable, step) if ready else (NO_HELP, "")
         called = assist_state.LawCall(ready, motion, answer)
         condition = assist_step.act(run.assist, run.memory, inputs, called, error, enable)
         run.record.condition[stamp] = condition

@@ -83,9 +83,22 @@ class BrakeTheSpin:
         enable[:] = error < 0.0
 
 
+class RandomShares:
+    """A law that writes shares of the brake pressure, although the valves are on-off valves."""
+
+    def __init__(self, *_: object) -> None:
+        self.generator = np.random.default_rng(1)
+
+    def step(self, _: Motion, __: FloatArray, enable: FloatArray) -> None:
+        enable[:] = self.generator.random(enable.size)
+
+
+@pytest.mark.parametrize("cls", [BrakeTheSpin, RandomShares])
 @pytest.mark.parametrize("experiment", ["small_stop", "straight_line", "turn_while_translate"])
-def test_a_law_that_switches_brakes_in_every_step_makes_no_encoder_faulty(experiment: str) -> None:
-    law = f"brake_assist.law={__name__}:BrakeTheSpin"
+def test_a_law_that_switches_brakes_in_every_step_makes_no_encoder_faulty(
+    experiment: str, cls: type
+) -> None:
+    law = f"brake_assist.law={__name__}:{cls.__name__}"
     plain = "feedback=velocity_sensor", "simulation.render_lines=false", law
     variant = LIBRARY.variants(experiment)[-1]
     configuration = LIBRARY.load(experiment, variant, plain)

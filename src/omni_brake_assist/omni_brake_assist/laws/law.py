@@ -11,6 +11,8 @@ import sys
 import traceback
 from typing import NamedTuple, Protocol
 
+import numpy as np
+
 from omni_core.kernels import lean
 from omni_core.quantities import FloatArray
 
@@ -70,8 +72,8 @@ class Law(Protocol):
             motion: motion of the vehicle and its wheels.
             error: output, error of each wheel as the law defines it [m/s], finite, shape (N,);
                 only recorded.
-            enable: output, share of the brake pressure that passes, 0 to 1, shape (N,). If all
-                are 0, the assistant puts all brakes on.
+            enable: output, share of the brake pressure that passes, 0 to 1, shape (N,); rounded to
+                the resolution of the brakes. If all are then 0, the assistant puts all brakes on.
 
         Returns:
             ASSIST or None to apply the enables, NO_HELP to put all brakes on.
@@ -91,9 +93,18 @@ def is_valid(error: FloatArray, enable: FloatArray) -> bool:
 
 
 def call_law(
-    law: Law, motion: Motion, error: FloatArray, enable: FloatArray, *, enabled: bool = True
+    law: Law,
+    motion: Motion,
+    error: FloatArray,
+    enable: FloatArray,
+    pressure_step: float,
+    *,
+    enabled: bool = True,
 ) -> tuple[int, str]:
     """Call a user's law, and return its result and an error message.
+
+    The enables are rounded to the resolution of the brakes (`pressure_step`, 1 for on-off valves),
+    as the valves do, so that the assistant monitors the brakes that are on.
 
     The result is a constant of this module, such as ASSIST. The message is empty unless the result
     is FAILED. If the law may release brakes (`enabled`), this function also prints the first error
@@ -114,6 +125,8 @@ def call_law(
                 f"step returned {answer!r}, must be None, ASSIST or NO_HELP; step writes the "
                 "shares of the brake pressure into enable"
             )
+        if pressure_step > 0.0:
+            enable[:] = np.minimum(np.floor(enable / pressure_step + 0.5) * pressure_step, 1.0)
     except (Exception, SystemExit) as problem:  # no error of a law may release a brake
         if enabled:
             frames = traceback.extract_tb(problem.__traceback__)[1:]  # without this function

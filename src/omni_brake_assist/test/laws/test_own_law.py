@@ -13,12 +13,15 @@ from omni_brake_assist.brake_assist import BrakeAssist, BrakeDemand
 from omni_brake_assist.conditions import AssistState, Decision
 from omni_brake_assist.configuration import BrakeAssistConfiguration
 from omni_brake_assist.sources import FUSED
+from omni_core.brakes import BrakeConfiguration
 from omni_core.configuration import ConfigurationError
 from omni_core.geometry import WheelMount
 from omni_core.kinematics import PlatformKinematics
 from omni_core.signals import ImuSample, TwistSample, WheelSample
 
 Wheels = dict[str, WheelMount]
+
+PROPORTIONAL = BrakeConfiguration(kind="proportional")
 
 LAWS = """
 import numpy as np
@@ -35,6 +38,12 @@ class Constant:
 
 class Half(Constant):
     value = 0.5
+
+class Most(Constant):
+    value = 0.7
+
+class Few(Constant):
+    value = 0.4
 
 class Nothing(Constant):
     value = 0.0
@@ -126,9 +135,22 @@ def test_a_built_in_law_as_a_class_from_outside_decides_the_same(mecanum: Wheels
 
 
 def test_brakes_may_be_partly_on(mecanum: Wheels, module: str) -> None:
-    last = drive(mecanum, f"{module}:Half")[-1]
+    last = drive(mecanum, f"{module}:Half", brake=PROPORTIONAL)[-1]
     assert last.state is AssistState.ASSISTING
     np.testing.assert_array_equal(last.enable, 0.5)
+
+
+@pytest.mark.parametrize(
+    ("law", "resolution", "enable"), [("Most", 0.0, 1.0), ("Most", 0.25, 0.75), ("Few", 0.25, 0.5)]
+)
+def test_enables_have_the_resolution_of_the_brakes(
+    mecanum: Wheels, module: str, law: str, resolution: float, enable: float
+) -> None:
+    kind = "proportional" if resolution else "on_off"
+    brake = BrakeConfiguration(kind=kind, resolution=resolution)
+    last = drive(mecanum, f"{module}:{law}", brake=brake)[-1]
+    assert last.state is AssistState.ASSISTING
+    np.testing.assert_array_equal(last.enable, enable)
 
 
 @pytest.mark.parametrize("detects", [True, False])
@@ -136,7 +158,10 @@ def test_a_law_does_not_receive_old_wheel_speeds(
     mecanum: Wheels, module: str, detects: bool
 ) -> None:
     configuration = BrakeAssistConfiguration(
-        wheels=mecanum, law=f"{module}:KnownWheels", fault_detection=detects
+        wheels=mecanum,
+        law=f"{module}:KnownWheels",
+        fault_detection=detects,
+        brake=PROPORTIONAL,
     )
     assist = BrakeAssist(configuration)
     rolling = np.array([8.0 / mount.radius for mount in mecanum.values()])
@@ -162,6 +187,7 @@ def test_a_law_does_not_receive_old_wheel_speeds(
     ("law", "state", "reason"),
     [
         ("Nothing", AssistState.NO_RELEASE, ""),
+        ("Few", AssistState.NO_RELEASE, ""),  # on-off valves would shut
         ("NotANumber", AssistState.INTERNAL_ERROR, "[nan, nan, nan, nan], must be within [0, 1]"),
         ("TooMuch", AssistState.INTERNAL_ERROR, "1.5], must be within [0, 1]"),
         ("NoError", AssistState.INTERNAL_ERROR, "errors [nan, nan, nan, nan], must be finite"),
