@@ -123,6 +123,8 @@ class BrakeAssist:
     def sources(self) -> tuple[Source, ...]:
         """Return the test ratio and state of each measurement source after the last decision."""
         found = sources(self._memory, self._kinematics, self.configuration.fault_detection)
+        if conditions.WRONG_FRAME in self._faults:
+            found = (found[0]._replace(reason=AssistState.WRONG_FRAME.value), *found[1:])
         inertial, wheels = map(self._malformed.get, (ImuSample, WheelSample))
         problems = ["", *[inertial or ""] * 2, *[wheels or ""] * self._wheels]
         return tuple(

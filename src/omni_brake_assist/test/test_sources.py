@@ -176,6 +176,19 @@ def test_a_twist_that_is_rejected_for_long_is_reported_with_a_warning(
     assert summary(decision, [found["twist"]])[0] == (WARNING if state == REFUSED else OK)
 
 
+def test_a_twist_in_another_frame_is_rejected_with_this_reason(
+    mecanum: dict[str, WheelMount],
+) -> None:
+    assist = BrakeAssist(BrakeAssistConfiguration(wheels=mecanum))
+    unusable = TwistSample(0, np.full(3, math.nan), 1e-6 * np.eye(3))  # as the node passes it on
+    assist.check_twist_frame("the twist is given in 'otos'")
+    assist.update(BrakeDemand(0, 0.0, unusable))
+    assert assist.sources()[0].words == f"{REJECTED}: wrong_frame"
+    assist.check_twist_frame("")
+    assist.update(BrakeDemand(STEP_NS, 0.0, unusable._replace(stamp_ns=STEP_NS)))
+    assert assist.sources()[0].words == f"{REJECTED}: non_finite_feedback"
+
+
 def test_a_jump_of_the_stamps_is_no_long_rejection(mecanum: dict[str, WheelMount]) -> None:
     assist, timers = BrakeAssist(BrakeAssistConfiguration(wheels=mecanum)), RejectionTimers()
     speeds = PlatformKinematics(mecanum).wheel_speeds(np.array([1.0, 0.0, 0.0]))
