@@ -168,6 +168,7 @@ def test_a_reset_repeats_the_stop_at_its_place() -> None:
         hold(browser, "Space", down=True)
         browser.click("#reset")
         browser.wait("resetting === null && state.pose[0] < 0.1")
+        browser.wait("Number(document.getElementById('speed').textContent) < 0.1")  # drawn later
         stop_from(browser, 2.0, 3)
         assert browser.complaints == []
 

@@ -62,6 +62,8 @@ class ClockWatch:
     def __init__(self) -> None:
         self.log_jumps: list[Jump] = []
         """Jumps ahead of the log times by more than a day, relative to the times of the messages"""
+        self.unset = 0
+        """Number of messages without a time (0) that follow a message with a time"""
         self._jumps: list[Jump] = []
         self._number = 0
         self._first_log_ns = 0
@@ -87,6 +89,7 @@ class ClockWatch:
             log_ns: time at which the message was recorded [ns].
         """
         if time_ns == 0:
+            self.unset += self._number > 0
             return
         if self._number == 0:
             self._first_log_ns = log_ns

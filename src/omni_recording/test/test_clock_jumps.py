@@ -116,3 +116,13 @@ def without_stamp() -> Times:
 )
 def test_other_times_are_no_jumps(times: Callable[[], Times]) -> None:
     assert not changes(times())
+
+
+@pytest.mark.parametrize(("first", "unset"), [(0, 0), (5, 3)])
+def test_messages_without_a_time_that_follow_others_are_counted(first: int, unset: int) -> None:
+    times = [(t * (not first <= k < first + 3), log) for k, (t, log) in enumerate(steady())]
+    watch = ClockWatch()
+    for time_ns, log_ns in times:
+        watch.add(time_ns, log_ns)
+    assert watch.unset == unset
+    assert not watch.jumps

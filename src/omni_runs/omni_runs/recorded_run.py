@@ -90,7 +90,8 @@ def read_streams(
 
     Raises:
         BagError: the recording cannot be read, or lacks a topic, or a topic has another type, or
-            the clock jumped between two messages of a topic.
+            the clock jumped between two messages of a topic, or a message after the
+            first ones has the stamp 0.
     """
     from omni_recording import clock, decode, folder
 
@@ -115,6 +116,12 @@ def read_streams(
             watch.add(stamp_ns, recorded.log_ns)
         messages.setdefault(topic.name, []).append((stamp_ns, message))
     for path, watch in clocks.items():
+        if watch.unset:
+            raise BagError(
+                bag.path,
+                f"is not the recording of a single run: {watch.unset} messages of {path} have the "
+                "stamp 0 after later ones",
+            )
         if watch.jumps:
             raise BagError(
                 bag.path,
@@ -139,7 +146,8 @@ def _to_history(streams: Mapping[str, Stream], assistant: str) -> RunHistory:
     streams = {name: one for name, one in streams.items() if name != _ESTIMATE or _TRUTH in streams}
     stamps = motion["stamp_ns"]
     if np.any(np.diff(stamps) == 0):
-        raise ValueError("stamps of the ground truth occur twice")
+        source = _TRUTH if _TRUTH in streams else _WHEELS
+        raise ValueError(f"several messages of {source} have the same stamp")
     # The states may also name other joints; the enables name exactly the wheels.
     wheel_names = tuple(streams[_WHEELS].messages[0].name)
     if topics.ENABLE.name in streams:

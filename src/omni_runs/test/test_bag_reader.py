@@ -315,6 +315,23 @@ def test_two_runs_in_one_bag_are_refused(tmp_path: Path, run: RunHistory) -> Non
         read_run(bag)
 
 
+@pytest.mark.parametrize(
+    ("stamp", "words"),
+    [(0, "1 messages of /wheel_states have the stamp 0"), (6, "wheel_states have the same stamp")],
+)
+def test_a_stamp_that_is_missing_or_repeated_is_named(
+    tmp_path: Path, run: RunHistory, stamp: int, words: str
+) -> None:
+    def restamped(topic: str, k: int, entry: Any) -> Any:
+        if topic == "wheel_states" and k == 7:
+            entry.header = header(int(run.stamp_ns[stamp]) if stamp else 0)
+        return entry
+
+    bag = write_bag(tmp_path / "bag", run, without=("ground_truth/odom",), change=restamped)
+    with pytest.raises(BagError, match=words):
+        read_run(bag)
+
+
 def test_a_bag_that_is_not_there_is_refused(tmp_path: Path) -> None:
     with pytest.raises(BagError, match="no such folder"):
         read_run(tmp_path / "nowhere")

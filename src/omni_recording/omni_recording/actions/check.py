@@ -111,6 +111,8 @@ class _Findings:
                 for jump in jumps
             }
             self._problems.extend(found.values())
+            if unset := max(of_logs.unset, of_stamps.unset):
+                self._problems.append(f"{topic}: {unset} messages have the time 0 after later ones")
         if not any(self._counts.values()):
             self._problems.append("the recording contains no messages")
         return BagCheck(self._counts, tuple(self._problems), tuple(self._remarks))
