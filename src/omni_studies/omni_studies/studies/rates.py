@@ -2,9 +2,10 @@
 
 The stop of ``straight_line`` and random fault-free stops are repeated under each law. A stop is
 compared with the stop that has one IMU reading in each control period of 10 ms. The density of the
-IMU's noise is the same at all rates. A longer control period delays the brakes by half of the
-difference; this time, multiplied by the initial speed, is subtracted from the change of the
-distance.
+IMU's noise is the same at all rates. In ``straight_line``, the velocity sensor has a rate of 50 Hz:
+with an exact twist in every period, no decision would depend on the IMU. A longer control period
+delays the brakes by half of the difference; this time, multiplied by the initial speed, is
+subtracted from the change of the distance.
 """
 
 import itertools
@@ -123,7 +124,7 @@ def _run_trial(library: ExperimentLibrary, first: int, number: int) -> RateTrial
     change = _CONDITIONS[condition][0] if condition else _USUAL
     changes = (*LAWS[law], change)
     if stop == 0:
-        plain = ("feedback=velocity_sensor", *changes)
+        plain = ("feedback=velocity_sensor", "velocity_sensor.sample_time=0.02", *changes)
         configuration = library.load("straight_line", "assisted", plain)
     else:
         drawn = without(draw(first + stop - 1), "failure")

@@ -15,3 +15,5 @@ def test_allocation_meets_its_limits_at_all_rates(tmp_path: Path) -> None:
     limited = [name for name, metric in result.metrics.items() if metric.at_most is not None]
     assert len(limited) == 4 * 6
     assert [name for name in limited if result.metrics[name].status != "met"] == []
+    for condition in ("imu_50_hz", "imu_400_hz", "imu_1000_hz"):
+        assert result.metrics[f"rotation_change.allocation_{condition}"].value > 0.0
