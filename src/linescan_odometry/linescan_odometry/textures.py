@@ -69,7 +69,7 @@ class Textures:
             elif reading.slope > 0.0:
                 reason, oblique, share = "uncertain: the texture may be oblique", False, 1.0
                 if reading.static_time == 0.0:  # a constant view loses no texture
-                    share = self._slope_share(stamp_ns, name, reading, across[name])
+                    share = self._slope_share(stamp_ns, name, reading, across[name], bool(texture))
                 slope = math.sqrt(share) * reading.slope
             else:
                 continue
@@ -98,7 +98,7 @@ class Textures:
         return slope / math.sqrt(1.0 - slope**2) if slope < 1.0 else math.inf
 
     def _slope_share(
-        self, stamp_ns: int, name: str, reading: SensorReading, across: float
+        self, stamp_ns: int, name: str, reading: SensorReading, across: float, ordinary: bool
     ) -> float:
         """Return the factor with which the variance of the slope of a texture counts [1].
 
@@ -111,9 +111,9 @@ class Textures:
             name: name of the camera.
             reading: reading of the camera.
             across: velocity across the camera's axis [m/s].
+            ordinary: whether the texture was decided to be ordinary.
         """
-        texture = self._texture(stamp_ns, name, reading, across)
-        smallest = 1.0 / max(reading.features, 1.0) if texture and not texture[1] else 1.0
+        smallest = 1.0 / max(reading.features, 1.0) if ordinary else 1.0
         for decay in reading.decays:
             expected = self._expected(stamp_ns, name, decay, across)
             lost = 1.0 - expected
@@ -180,7 +180,7 @@ class Textures:
     def decide(
         self, stamp_ns: int, readings: Mapping[str, SensorReading], across: Mapping[str, float]
     ) -> None:
-        """Store the decisions whether the textures of measured readings are oblique.
+        """Store the decisions whether the textures of compared views are oblique.
 
         Args:
             stamp_ns: stamp of the readings [ns].
