@@ -47,7 +47,7 @@ _LINKAGE = hashlib.sha256(
         one.__name__.encode() + Path(str(one.__file__)).read_bytes() for one in (code, references)
     )
 ).hexdigest()
-_LONGEST_WAIT = 120.0  # [s] for another process; a kernel takes at most 20 s of CPU time
+_LONGEST_WAIT = 120.0  # [s] for another process; all kernels together take 90 s of CPU time
 _KEPT_VERSIONS = 3  # versions of a kernel on disk, so that another branch need not be compiled
 
 
@@ -113,10 +113,10 @@ class KernelCache:
         process ends, its locks are released.
         """
         deadline = time.monotonic() + _LONGEST_WAIT
-        while not self._locked(fcntl.LOCK_EX | fcntl.LOCK_NB) and time.monotonic() < deadline:
+        while not self._change_lock(fcntl.LOCK_EX | fcntl.LOCK_NB) and time.monotonic() < deadline:
             time.sleep(0.02)
 
-    def _locked(self, operation: int) -> bool:
+    def _change_lock(self, operation: int) -> bool:
         """Lock or unlock the kernel; return False if another process has locked it.
 
         Args:
@@ -141,7 +141,7 @@ class KernelCache:
             self._lock()
             result = self._stored(sig, target_context)  # stored meanwhile by another process
             if result is not None:
-                self._locked(fcntl.LOCK_UN)
+                self._change_lock(fcntl.LOCK_UN)
         return result
 
     def _stored(self, sig: Any, target_context: Any) -> Any:
@@ -165,7 +165,7 @@ class KernelCache:
             if stored is not None:
                 with replaced(self.file(sig)) as file:
                     file.write_bytes(pickle.dumps(stored))
-        self._locked(fcntl.LOCK_UN)
+        self._change_lock(fcntl.LOCK_UN)
         with contextlib.suppress(OSError):  # another process deletes them, too
             files = sorted(Path(self.cache_path).glob(f"{self._prefix}*"), key=os.path.getmtime)
             versions = [file.name.split(".")[-3] for file in files]
