@@ -187,6 +187,10 @@ def _lock_file(folder: str) -> IO[bytes]:
     return Path(folder, "lock").open("ab")
 
 
+# A node that is forked from the server of nodes reuses the descriptors of the files of the server.
+os.register_at_fork(after_in_child=_lock_file.cache_clear)
+
+
 def kernel_digest(dispatcher: Any) -> str:
     """Return a digest of the code and constants that a kernel uses, directly or indirectly.
 

@@ -195,6 +195,30 @@ def test_a_process_that_never_stores_its_kernel_stops_no_other(folder: Path) -> 
         assert call(folder, program) == ["107.0 -1.0 5.0", "cached", "compiled", "cached"]
 
 
+FORKS = """
+import os
+import kernel
+
+kernel.unrelated(1.0)  # opens the file of the locks
+for _ in range(2):
+    if os.fork() == 0:
+        os.closerange(3, os.sysconf("SC_OPEN_MAX"))  # as the server of nodes does
+        kernel.outer(1.0)
+        print(*(["cached"] if kernel.outer.stats.cache_hits else ["compiled"]))
+        break
+else:
+    os.wait()
+    os.wait()
+"""
+
+
+def test_of_two_forks_one_compiles_a_kernel(folder: Path) -> None:
+    for name, old, new in (("shared", "2.0 * x", "9.0 * x"), ("kernel", "x - 1.0", "x - 3.0")):
+        path = folder / f"{name}.py"
+        path.write_text(path.read_text().replace(old, new))
+    assert sorted(call(folder, FORKS)) == ["cached", "compiled"]
+
+
 @linked
 @kernel
 def _root(x: float) -> float:
