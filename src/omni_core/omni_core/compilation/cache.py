@@ -21,6 +21,7 @@ import enum
 import fcntl
 import functools
 import hashlib
+import itertools
 import os
 import pickle
 import re
@@ -49,7 +50,9 @@ _LINKAGE = hashlib.sha256(
 ).hexdigest()
 _LONGEST_WAIT = 120.0  # [s] for another process; all kernels together take 90 s of CPU time
 _KEPT_VERSIONS = 3  # versions of a kernel on disk, so that another branch need not be compiled
+_BETWEEN_LINES = 10  # kernels from one line of progress to the next
 
+_compiled = itertools.count(1)
 
 _stored_only = False
 
@@ -166,6 +169,8 @@ class KernelCache:
                 with replaced(self.file(sig)) as file:
                     file.write_bytes(pickle.dumps(stored))
         self._change_lock(fcntl.LOCK_UN)
+        if (number := next(_compiled)) % _BETWEEN_LINES == 0:
+            print(f"kernels compiled for this computer: {number}", file=sys.stderr, flush=True)
         with contextlib.suppress(OSError):  # another process deletes them, too
             files = sorted(Path(self.cache_path).glob(f"{self._prefix}*"), key=os.path.getmtime)
             versions = [file.name.split(".")[-3] for file in files]

@@ -219,6 +219,20 @@ def test_of_two_forks_one_compiles_a_kernel(folder: Path) -> None:
     assert sorted(call(folder, FORKS)) == ["cached", "compiled"]
 
 
+def test_a_process_that_compiles_many_kernels_counts_them(folder: Path) -> None:
+    program = (
+        "import sys; from omni_core.compilation import cache; cache._BETWEEN_LINES = 2\n"
+        "sys.stderr = sys.stdout" + CALL
+    )
+    counted = call(folder, program, folder / "empty")
+    assert counted == [
+        "kernels compiled for this computer: 2",
+        "kernels compiled for this computer: 4",
+        "107.0 0.0 5.0",
+        *["compiled"] * 3,
+    ]
+
+
 @linked
 @kernel
 def _root(x: float) -> float:

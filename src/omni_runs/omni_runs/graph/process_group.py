@@ -262,13 +262,14 @@ class ProcessGroup:
             yield
 
     def follow(
-        self, last: RunningProcess, on_report: Callable[[Mapping[str, Any]], None]
+        self, last: RunningProcess, on_report: Callable[[Mapping[str, Any] | str], None]
     ) -> Generator[None, None, dict[str, Any]]:
         """Wait for the end of a process, and return its last report.
 
         Args:
             last: process of the group that ends first, after a report with the key ``finished``.
-            on_report: function that is called with each of its reports.
+            on_report: function that is called with each of its reports; before the first one, with
+                the last words of the processes, such as the number of compiled kernels.
 
         Raises:
             ProcessError: another process ended earlier, a signal halted a process, or `last` makes
@@ -286,6 +287,8 @@ class ProcessGroup:
             # Before the first step, a single halted node makes all other nodes wait.
             for process in (last,) if report else self.running:
                 process.raise_if_halted()
+                if not report and (words := process.error_output()):
+                    on_report(f"{process.node.name}: {words.splitlines()[-1]}")
             if now - received > _REPORT_TIMEOUT:
                 raise ProcessError(
                     f"the {last.node.name} has made no step for {_REPORT_TIMEOUT:g} s"

@@ -26,7 +26,7 @@ from omni_runs.metrics import Metric, still_rolls
 from omni_runs.recorded_run import read_run
 from omni_runs.stops import drive_metrics, named_stops, stop_metrics
 
-Progress = Callable[[Mapping[str, float]], None]
+Progress = Callable[[Mapping[str, float] | str], None]
 
 
 class RunError(WorkError):
@@ -132,7 +132,7 @@ def run_variant(
         lockstep: whether the nodes wait for each other in each step, so that a run is
             reproducible bit by bit; otherwise the steps follow the wall clock.
         on_progress: function that is called with time [s], speed [m/s] and completed share (0 to 1)
-            during the run.
+            during the run, and before it with a text on what the nodes do.
         recording: parameters of the recorder.
         external: names of nodes that are not started, because a user's node replaces them.
 

@@ -152,7 +152,10 @@ def _run_variants(
         try:
             with interruption.clean_up_on_signals(), progress_bar(name) as show:
 
-                def on_progress(variant: str, report: Mapping[str, float]) -> None:
+                def on_progress(variant: str, report: Mapping[str, float] | str) -> None:
+                    if isinstance(report, str):
+                        show(sum(shares.values()) / len(shares), report)
+                        return
                     shares[variant] = report["share"]
                     words = f"{variant}, t = {report['time']:.2f} s, {report['speed']:.2f} m/s"
                     show(sum(shares.values()) / len(shares), words)

@@ -321,6 +321,21 @@ def test_a_node_that_is_halted_while_the_graph_starts_is_named(
             next(steps)
 
 
+def test_the_last_words_of_a_node_are_shown_until_the_first_step(prefix: Path) -> None:
+    shown: list[Any] = []
+    text = "import sys, time; sys.stderr.write('10\\n20\\n'); sys.stderr.flush(); time.sleep(100)"
+    with ProcessGroup(dict(os.environ)) as group:
+        odometry, simulator = (
+            group.start(add_program(prefix, name, words))
+            for name, words in (("odometry", text), ("simulator", "import time; time.sleep(100)"))
+        )
+        steps = group.follow(simulator, shown.append)
+        wait_until(lambda: odometry.error_output().endswith("20"))
+        next(steps)
+        next(steps)
+    assert shown == ["odometry: 20"]
+
+
 def test_a_finished_run_keeps_its_results_if_the_next_one_cannot_start() -> None:
     def finishes() -> Any:
         yield
