@@ -23,6 +23,7 @@ _COMMANDS = {
     "report": ["report", _BAG, "--out", "results/report.html"],
     "run": ["run"],
 }
+_LONG = {"tests": ["test"], "fast_tests": ["test", "-m", "fast"]}
 _GROUPS = Path("/sys/fs/cgroup")
 _OF_LAUNCHER = ("OMNI_RUNNING", "OMNI_WORKSPACE", "PYTHONPATH", "LD_LIBRARY_PATH")
 
@@ -61,9 +62,10 @@ class Group:
 
 def main() -> None:
     """Measure both workspaces, and print the median CPU times and their ratio."""
+    commands = _COMMANDS | _LONG
     parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n", maxsplit=1)[0])
     parser.add_argument("workspaces", nargs=2, type=Path, help="the earlier and the later one")
-    parser.add_argument("--commands", nargs="*", choices=_COMMANDS, default=[*_COMMANDS])
+    parser.add_argument("--commands", nargs="*", choices=commands, default=[*_COMMANDS])
     parser.add_argument("--repeats", type=int, default=5, help="default: 5")
     parser.add_argument("--json", action="store_true", help="print one JSON document")
     options = parser.parse_args()
@@ -71,7 +73,7 @@ def main() -> None:
     for name in options.commands:
         pairs = []
         for _ in range(options.repeats):
-            groups = [Group(folder, _COMMANDS[name]) for folder in options.workspaces]
+            groups = [Group(folder, commands[name]) for folder in options.workspaces]
             pairs.append([group.cpu_time() for group in groups])
         for side, times in zip(("before", "after"), zip(*pairs, strict=True), strict=True):
             metrics[f"cpu_time.{name}.{side}"] = (statistics.median(times), "s")
