@@ -186,7 +186,8 @@ def _folders(workspace: Path) -> str:
 
     names = ("build", "install", ".cache", "bags", "results")
     folders = [Path(sys.prefix), *(workspace / name for name in names)]
-    folders.append(TextureCache.of_user().directory)
+    logs = os.environ.get("ROS_LOG_DIR") or Path(os.environ.get("ROS_HOME", ""), "log")
+    folders += [TextureCache.of_user().directory, Path(logs)]
     found = [str(folder) for folder in folders if folder.is_dir()]
     # Some of the files may be removed in the meantime.
     rows = subprocess.run(["du", "-sk", *found], capture_output=True, text=True, check=False).stdout

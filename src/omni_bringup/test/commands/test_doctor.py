@@ -14,8 +14,9 @@ def test_folders_are_listed_with_the_size_of_their_files(
 ) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "home"))
     monkeypatch.setattr("sys.prefix", str(tmp_path / "no environment"))
-    textures = tmp_path / "home" / "omni_sim" / "textures"
-    for folder, size in ((textures, 2_000_000), (tmp_path / "bags" / "run", 5_000_000)):
+    textures, logs = tmp_path / "home" / "omni_sim" / "textures", tmp_path / "logs"
+    monkeypatch.setenv("ROS_LOG_DIR", str(logs))
+    for folder, megabytes in ((textures, 2), (tmp_path / "bags" / "run", 5), (logs, 3)):
         folder.mkdir(parents=True)
-        (folder / "file").write_bytes(bytes(size))
-    assert _folders(tmp_path) == f"{tmp_path / 'bags'} 5 MB, {textures} 2 MB"
+        (folder / "file").write_bytes(bytes(megabytes * 1_000_000))
+    assert _folders(tmp_path) == f"{tmp_path / 'bags'} 5 MB, {textures} 2 MB, {logs} 3 MB"
