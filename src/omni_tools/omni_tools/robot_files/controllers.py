@@ -121,27 +121,25 @@ class Controller(NamedTuple):
         """
         x, y, theta = self.offset
         if self.kind == OMNI:
-            angles = [math.radians(heading + 90.0) + theta for heading, _ in self.assumed.values()]
-            places = [(math.cos(angle), math.sin(angle)) for angle in angles]
-            rollers, known = [0.0] * len(places), (self.robot_radius, self.robot_radius)
+            angles = np.radians([heading + 90.0 for heading, _ in self.assumed.values()]) + theta
+            places = np.stack((np.cos(angles), np.sin(angles)), axis=1)
+            rollers, known = np.zeros(len(places)), (self.robot_radius, self.robot_radius)
         else:
-            signs = [CORNERS[corner] for corner in self.joints]
-            places = [(0.5 * ahead, 0.5 * left) for ahead, left in signs]
-            rollers, known = [-45.0 * math.prod(one) for one in signs], (self.wheelbase, self.track)
-        scale = [length for length in known if length is not None]
-        if self.radius is None or len(scale) < len(known) or not places:
+            places = 0.5 * np.reshape([CORNERS[corner] for corner in self.joints], (-1, 2))
+            rollers, known = -180.0 * np.prod(places, axis=1), (self.wheelbase, self.track)
+        if self.radius is None or None in known or not len(places):
             return None
-        inside = turned(np.multiply(places, scale) - (x, y), -theta).tolist()
+        inside = turned(places * np.array(known, np.float64) - (x, y), -theta)
         return {
             name: WheelMount(
-                x=place[0],
-                y=place[1],
+                x=ahead,
+                y=left,
                 heading_deg=heading,
                 roller_angle_deg=roller,
                 radius=self.radius * factor,
             )
-            for (name, (heading, factor)), place, roller in zip(
-                self.assumed.items(), inside, rollers, strict=True
+            for (name, (heading, factor)), (ahead, left), roller in zip(
+                self.assumed.items(), inside.tolist(), rollers.tolist(), strict=True
             )
         }
 

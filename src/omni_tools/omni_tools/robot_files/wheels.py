@@ -216,7 +216,7 @@ def _wheel(robot: Robot, joint: Joint) -> DescribedWheel:
     rigid = set(robot.rigid(joint.child)).intersection(below)  # rollers turn by themselves
     round_shapes = sorted(
         (one for one in robot.shapes(rigid) if _is_round(one, axis)),
-        key=lambda one: (one.of, one.size[0]),
+        key=lambda one: (one.of, one.half[0]),
     )
     cylinders = {one.of: one for one in round_shapes if one.kind == "cylinder"}
     solid = cylinders.get("collision", cylinders.get("visual"))
@@ -235,8 +235,8 @@ def _wheel(robot: Robot, joint: Joint) -> DescribedWheel:
         place=place if solid is None else place + beside * axis,
         heading_deg=heading,
         roller_deg=roller,
-        radii={one.of: one.size[0] for one in round_shapes},  # the largest is the last one
-        width=0.0 if solid is None else solid.size[1],
+        radii={one.of: float(one.half[0]) for one in round_shapes},  # the largest is the last one
+        width=0.0 if solid is None else 2.0 * float(solid.half[2]),
         beside=beside,
         mass=mass,
         inertia=inertia,
@@ -247,4 +247,4 @@ def _is_round(shape: Shape, axis: FloatArray) -> bool:
     """Return whether a shape is round about the axis of a wheel."""
     across = abs(float(shape.pose[:3, 2] @ axis))
     turns = shape.kind == "sphere" or (shape.kind == "cylinder" and across > 1.0 - _UPRIGHT)
-    return turns and shape.size[0] > 0.0
+    return bool(turns and shape.half[0] > 0.0)

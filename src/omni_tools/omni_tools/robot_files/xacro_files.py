@@ -27,9 +27,16 @@ _FIND = re.compile(r"\$\(find\s+([^)\s]+)\s*\)|find\('([^']+)'\)|package://([\w-
 _ARGUMENT = re.compile(
     r"<xacro:arg\b[^>]*?\bname\s*=\s*[\"']([\w-]+)|\$\(arg\s+([\w-]+)|xacro\.arg\(['\"]([\w-]+)"
 )
-_MISSING = re.compile(r"[Pp]ackage '?([\w-]+)'? not found")
 _ABSENT = "/absent"  # folder that stands for those of missing packages
-_NO_FILE = re.compile(r"No such file or directory: '([^']+)'")
+# What a file lacks, keyed by what xacro says; {0} is the group, {1} the whole text.
+_REASONS = {
+    r"[Pp]ackage '?([\w-]+)'? not found": "the package {0} is not in the folders around it; put "
+    "its folder next to them, source a workspace that has it, or leave out what it contains by "
+    "--skip-missing",
+    r"No such file or directory: '([^']+)'": "lacks the file {0}",
+    r"Undefined substitution argument (\S+)": "the argument {0} has no value",
+    r"name '(\w+)' is not defined": "the property {0} is not defined ({1})",
+}
 _UNDEFINED = re.compile(r"the property (\S+) is not defined|unknown macro name: xacro:(\S+)")
 # An include, or a definition of a name, in the old syntax of xacro.
 _OLD = r"<(?:include\b[^>]*?\bfilename|(?:property|macro)\b[^>]*?=\s*[\"'][^\"'>]*\b{}\b)"
@@ -116,17 +123,9 @@ def _expanded(
 def _reason(error: Exception) -> str:
     """Return what a file lacks, in words, from an error of xacro."""
     text = " ".join(str(error).split()) or type(error).__name__
-    if found := _MISSING.search(text):
-        return (
-            f"the package {found[1]} is not in the folders around it; put its folder next to them, "
-            "source a workspace that has it, or leave out what it contains by --skip-missing"
-        )
-    if found := _NO_FILE.search(text):
-        return f"lacks the file {Path(found[1]).resolve()}"
-    if found := re.search(r"Undefined substitution argument (\S+)", text):
-        return f"the argument {found[1]} has no value"
-    if found := re.search(r"name '(\w+)' is not defined", text):
-        return f"the property {found[1]} is not defined ({text})"
+    for pattern, words in _REASONS.items():
+        if found := re.search(pattern, text):
+            return words.format(found[1], text)
     return text
 
 
