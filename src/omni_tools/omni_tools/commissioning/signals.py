@@ -162,14 +162,8 @@ def signals_of(
 
 def _imu_vectors(stream: Stream, axes: quantities.FloatArray | None) -> quantities.FloatArray:
     """Return angular velocity and specific force in `base_link`, shape (messages, 2, 3)."""
-    vectors = [
-        [
-            (vector.x, vector.y, vector.z)
-            for vector in (one.angular_velocity, one.linear_acceleration)
-        ]
-        for one in stream.messages
-    ]
-    rows = np.array(vectors, np.float64).reshape(-1, 2, 3)
+    vectors = (v for m in stream.messages for v in (m.angular_velocity, m.linear_acceleration))
+    rows = np.array([(one.x, one.y, one.z) for one in vectors], np.float64).reshape(-1, 2, 3)
     return rows if axes is None else np.asarray(rows @ axes.T)
 
 
