@@ -122,6 +122,7 @@ def _of_controller(controller: Controller | None, radius: float | None) -> Descr
         keys = ("x", "y", "heading_deg", "roller_angle_deg", "radius")
         found.wheels[name] = {key: round(getattr(mount, key), 6) + 0.0 for key in keys}
     found.sources["wheels"] = f"{controller.name}, which assumes the roller directions"
+    found.enter_chassis("")
     found.questions += [_ROLLERS] * (found.kind == MECANUM)
     found.questions.append(
         "the files contain no chassis: how long and wide is it? (--length, --width)"
