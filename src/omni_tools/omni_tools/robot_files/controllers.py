@@ -12,10 +12,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from omni_core.configuration import ConfigurationError
 from omni_core.geometry import PlatformGeometry, WheelMount, turned
 from omni_core.kinematics import PlatformKinematics
 from omni_runs.yaml_files import commented_yaml, read_mapping
+from omni_tools.robot_files.refusal import refused
 
 MECANUM, OMNI = "mecanum", "omni"
 PACKAGES = {MECANUM: "mecanum_drive_controller", OMNI: "omni_wheel_drive_controller"}
@@ -219,8 +219,7 @@ def _controller(name: str, kind: str, values: Mapping[str, Any]) -> Controller:
     joints = _joints(kind, values, name)
     listed = list(joints.values())
     if twice := next((joint for joint in listed if listed.count(joint) > 1), None):
-        problem = f"{name} names the joint {twice!r} for several wheels; correct one of them"
-        raise ConfigurationError("--from", problem)
+        raise refused(f"{name} names the joint {twice!r} for several wheels; correct one of them")
     factors = {
         corner: number(key)
         for corner in joints
@@ -241,9 +240,7 @@ def _joints(kind: str, values: Mapping[str, Any], name: str) -> dict[str, str]:
     if kind == OMNI:
         names = values.get("wheel_names")
         if not isinstance(names, list) or len(names) < 3:
-            raise ConfigurationError(
-                "--from", f"{name}: wheel_names must list three or more joints"
-            )
+            raise refused(f"{name}: wheel_names must list three or more joints")
         return {str(row): str(joint) for row, joint in enumerate(names)}
     found = {
         f"{corner[1]}_{corner[2]}": str(joint)
@@ -251,8 +248,7 @@ def _joints(kind: str, values: Mapping[str, Any], name: str) -> dict[str, str]:
         if joint and (corner := _JOINT.fullmatch(key))
     }
     if lacking := [corner for corner in CORNERS if found and corner not in found]:
-        problem = f"{name} names no joint of the wheel {', '.join(lacking)}; add its parameter"
-        raise ConfigurationError("--from", problem)
+        raise refused(f"{name} names no joint of the wheel {', '.join(lacking)}; add its parameter")
     return {corner: found[corner] for corner in CORNERS if found}
 
 
@@ -283,7 +279,7 @@ def _number(values: Mapping[str, Any], key: str, name: str, usual: float | None 
     elif abs(number) > limit:
         problem = f"{number:g}{unit}, more than {limit:.3g}{unit}; give {words}"
     if problem:
-        raise ConfigurationError("--from", f"{name}: {key} is {problem}")
+        raise refused(f"{name}: {key} is {problem}")
     return number
 
 

@@ -19,6 +19,7 @@ from scipy.spatial.transform import Rotation
 from omni_core.configuration import ConfigurationError
 from omni_core.quantities import FloatArray
 from omni_core.sensors import rotation_matrix
+from omni_tools.robot_files.refusal import refused
 
 # Attributes of a shape whose multiples are half of the edges of the box around it.
 _SHAPES = {
@@ -158,7 +159,7 @@ class Robot:
             return None
 
     def _wrong(self, problem: str) -> ConfigurationError:
-        return ConfigurationError("--from", f"{self.file} {problem}")
+        return refused(f"{self.file} {problem}")
 
     def _by_name(self, parts: Iterable[_Part]) -> dict[str, _Part]:
         found: dict[str, _Part] = {}

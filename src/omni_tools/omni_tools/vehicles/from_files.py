@@ -7,12 +7,12 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from omni_core.configuration import ConfigurationError
 from omni_runs.yaml_files import merge, nest
 from omni_tools.robot_files.controllers import read_controllers
 from omni_tools.robot_files.described import KEYS, Described, rounded
 from omni_tools.robot_files.description import describe
 from omni_tools.robot_files.links import Robot, roll_pitch_yaw
+from omni_tools.robot_files.refusal import refused
 from omni_tools.robot_files.xacro_files import read_description
 from omni_tools.vehicles.estimates import KnownValues, Measured
 
@@ -48,7 +48,7 @@ def described_vehicle(
     if len(descriptions) > 1:
         names = ", ".join(path.name for path in descriptions)
         problem = f"{names} are several robots, each with a base_link; give the file of one"
-        raise ConfigurationError("--from", f"{problem}; it may include others")
+        raise refused(f"{problem}; it may include others")
     robot, skipped = None, list[str]()
     for path in descriptions:
         lacking = skipped if skip_missing else None
