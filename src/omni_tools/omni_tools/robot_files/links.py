@@ -187,7 +187,7 @@ class Robot:
                 "has no links; give the file of the robot, which includes it, and the packages"
             )
             raise self._wrong(f"{problem} that it includes")
-        self.parents: dict[str, Joint] = {}
+        self.parents = {}
         for joint in self.joints.values():
             for link in (joint.parent, joint.child):
                 if link not in self.links:
