@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 
 from omni_core import topics
-from omni_core.configuration import Configuration, ConfigurationError, did_you_mean, parameter
+from omni_core.configuration import Configuration, ConfigurationError, parameter
 from omni_core.quantities import LARGEST_OFFSET, SECOND_NS, FloatArray
 from omni_core.sensors import Mount
 from omni_core.signals import UNMEASURED_VARIANCE
@@ -44,22 +44,16 @@ class CovarianceConfiguration(Configuration):
     value differs from 0, unless all components are 0"""
     replace_covariance: bool = parameter(False)
     """Whether `deviation` also replaces the variances and covariances that the source gives"""
-    unmeasured: tuple[str, ...] = parameter(())
+    unmeasured: tuple[str, ...] = parameter((), choices=COMPONENTS)
     """Components that the source does not measure, such as angular.z; they are published as 0 with
     a variance of 1e6"""
 
     def check_consistency(self) -> None:
-        """Check that the standard deviations and the names of components are valid."""
+        """Check that the standard deviations are valid."""
         if self.deviation and (len(self.deviation) != 3 or min(self.deviation) <= 0.0):
             raise ConfigurationError("deviation", "must be three numbers above 0")
         if self.replace_covariance and not self.deviation:
             raise ConfigurationError("replace_covariance", "needs the parameter deviation")
-        for name in self.unmeasured:
-            if name not in COMPONENTS:
-                raise ConfigurationError(
-                    "unmeasured",
-                    f"{name!r} is none of {', '.join(COMPONENTS)}{did_you_mean(name, COMPONENTS)}",
-                )
 
 
 class TwistAdapterConfiguration(CovarianceConfiguration, Mount):
@@ -233,18 +227,15 @@ def _problem(value: FloatArray, covariance: FloatArray) -> str:
                 f"the variance of {name} is {variance:g}, must be a number above 0: set the "
                 f"parameter deviation; {remedy}"
             )
-    for i, j in itertools.combinations(range(3), 2):
-        largest = math.sqrt(covariance[i, i] * covariance[j, j])
-        for element in (covariance[i, j], covariance[j, i]):
-            if not abs(element) < largest:
-                return (
-                    f"the covariance of {COMPONENTS[i]} and {COMPONENTS[j]} is {element:g}, must "
-                    f"be below {largest:g}, the product of the standard deviations: correct the "
-                    "source, or set the parameters deviation and replace_covariance"
-                )
+    remedy = "correct the source, or set the parameters deviation and replace_covariance"
+    for i, j in itertools.permutations(range(3), 2):
+        largest, element = math.sqrt(covariance[i, i] * covariance[j, j]), covariance[i, j]
+        if not abs(element) < largest:
+            names = " and ".join(COMPONENTS[row] for row in sorted((i, j)))
+            return (
+                f"the covariance of {names} is {element:g}, must be below {largest:g}, the product "
+                f"of the standard deviations: {remedy}"
+            )
     if np.linalg.eigvalsh(covariance)[0] <= 0.0:
-        return (
-            f"the covariance of {', '.join(COMPONENTS)} is not positive definite: correct the "
-            "source, or set the parameters deviation and replace_covariance"
-        )
+        return f"the covariance of {', '.join(COMPONENTS)} is not positive definite: {remedy}"
     return ""

@@ -112,7 +112,7 @@ def test_zero_is_a_measurement_at_rest_and_if_the_source_states_its_variance() -
     ("given", "words"),
     [
         ({"deviation": (0.1, 0.1)}, "deviation: must be three numbers above 0"),
-        ({"unmeasured": ("angular_z",)}, "'angular_z' is none of linear.x, linear.y, angular.z"),
+        ({"unmeasured": ("angular_z",)}, "'angular_z' is not one of linear.x, linear.y, angular.z"),
         ({"replace_covariance": True}, "needs the parameter deviation"),
     ],
 )

@@ -294,19 +294,15 @@ def _swaps(
         order = {name: mounts[places[row]] for row, name in enumerate(names)}
         words = " and ".join(names[row] for row in moved)
         swaps = len(names) - connected_components(np.eye(len(names))[of_speed])[0]
-        yield (
-            (
-                Cause(
-                    "swap",
-                    f"wheels {words} are swapped",
-                    "swap their encoders or names",
-                    "lift one wheel after the other and turn it",
-                    swaps * scales.MISTAKE,
-                    mounts=order,
-                ),
-            ),
-            order,
+        cause = Cause(
+            "swap",
+            f"wheels {words} are swapped",
+            "swap their encoders or names",
+            "lift one wheel after the other and turn it",
+            swaps * scales.MISTAKE,
+            mounts=order,
         )
+        yield (cause,), order
 
 
 def _typical(angle: FloatArray, predicted: FloatArray) -> float:

@@ -12,7 +12,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 
-from omni_core import configuration, quantities, topics
+from omni_core import topics
+from omni_core.configuration import ConfigurationError
+from omni_core.quantities import CONTROL_PERIOD, FloatArray, IntArray
 from omni_recording.folder import open_vehicle
 from omni_runs.recorded_run import Stream, measured_twist, read_streams, values_of
 
@@ -47,12 +49,12 @@ class Signals(NamedTuple):
         inverse_pedal: whether the pedal was received inverted; `pedal` is corrected.
     """
 
-    time: quantities.FloatArray
-    wheel_speed: quantities.FloatArray
-    twist: quantities.FloatArray
-    imu: quantities.FloatArray
-    pedal: quantities.FloatArray
-    enable: quantities.FloatArray
+    time: FloatArray
+    wheel_speed: FloatArray
+    twist: FloatArray
+    imu: FloatArray
+    pedal: FloatArray
+    enable: FloatArray
     upwards: float = math.nan
     inverse_pedal: bool = False
 
@@ -74,15 +76,15 @@ class Motions(NamedTuple):
         stop: rows of all stops, from the start of the fourth motion to the end of the last stop.
     """
 
-    angle: quantities.FloatArray
-    twist: quantities.FloatArray
-    gyro: quantities.FloatArray
-    force: quantities.FloatArray
+    angle: FloatArray
+    twist: FloatArray
+    gyro: FloatArray
+    force: FloatArray
     stop: slice
 
 
 def read_signals(
-    recording: Path, wheels: Sequence[str], imu_axes: quantities.FloatArray | None = None
+    recording: Path, wheels: Sequence[str], imu_axes: FloatArray | None = None
 ) -> Signals:
     """Return the signals in a recording of a commissioning drive.
 
@@ -100,9 +102,7 @@ def read_signals(
 
 
 def signals_of(
-    streams: Mapping[str, Stream],
-    wheels: Sequence[str],
-    imu_axes: quantities.FloatArray | None = None,
+    streams: Mapping[str, Stream], wheels: Sequence[str], imu_axes: FloatArray | None = None
 ) -> Signals:
     """Return the signals of a commissioning drive, sampled at equally spaced times.
 
@@ -122,25 +122,23 @@ def signals_of(
     streams = {topic.name: streams.get(topic.name, nothing) for topic in TOPICS}
     states = streams[_WHEELS]
     _check_completeness(states, wheels)
-    time = np.arange(
-        states.stamp_ns[0], states.stamp_ns[-1], round(quantities.CONTROL_PERIOD * 1e9)
-    )
+    time = np.arange(states.stamp_ns[0], states.stamp_ns[-1], round(CONTROL_PERIOD * 1e9))
 
-    def sampled(topic: str, rows: Any, columns: int) -> quantities.FloatArray:
+    def sampled(topic: str, rows: Any, columns: int) -> FloatArray:
         return _newest_values(time, streams[topic].stamp_ns, rows, columns)
 
     speeds = _by_wheel(states, "velocity", wheels)
     speeds[~(np.abs(speeds) < _LARGEST)] = math.nan
     unmeasured = [w for w, lost in zip(wheels, np.isnan(speeds.T), strict=True) if lost.all()]
     if unmeasured:
-        raise configuration.ConfigurationError(
+        raise ConfigurationError(
             _WHEELS, f"has no speed of {', '.join(unmeasured)}; the check needs wheel encoders"
         )
     vectors = _imu_vectors(streams[_IMU], imu_axes)
     demands = [values_of(m, "pedal", wheels) for m in streams[_PEDAL].messages]
     pedal = sampled(_PEDAL, demands, 1)[:, 0]
     if not np.all(np.isnan(pedal) | ((pedal >= 0.0) & (pedal <= 1.0))):
-        raise configuration.ConfigurationError(
+        raise ConfigurationError(
             _PEDAL, f"is {np.nanmin(pedal):g} to {np.nanmax(pedal):g}, must be a share from 0 to 1"
         )
     wheel_speed = np.stack([np.interp(time, states.stamp_ns, s) for s in speeds.T], axis=1)
@@ -160,22 +158,14 @@ def signals_of(
     )
 
 
-def _imu_vectors(stream: Stream, axes: quantities.FloatArray | None) -> quantities.FloatArray:
+def _imu_vectors(stream: Stream, axes: FloatArray | None) -> FloatArray:
     """Return angular velocity and specific force in `base_link`, shape (messages, 2, 3)."""
-    vectors = [
-        [
-            (vector.x, vector.y, vector.z)
-            for vector in (one.angular_velocity, one.linear_acceleration)
-        ]
-        for one in stream.messages
-    ]
-    rows = np.array(vectors, np.float64).reshape(-1, 2, 3)
+    vectors = (v for m in stream.messages for v in (m.angular_velocity, m.linear_acceleration))
+    rows = np.array([(one.x, one.y, one.z) for one in vectors], np.float64).reshape(-1, 2, 3)
     return rows if axes is None else np.asarray(rows @ axes.T)
 
 
-def _newest_values(
-    time: quantities.IntArray, stamps: quantities.IntArray, rows: Any, columns: int
-) -> quantities.FloatArray:
+def _newest_values(time: IntArray, stamps: IntArray, rows: Any, columns: int) -> FloatArray:
     """Return the newest row at each time, shape (T, columns); NaN without a usable value.
 
     Args:
@@ -196,24 +186,24 @@ def _check_completeness(states: Stream, wheels: Sequence[str]) -> None:
     """Raise `ConfigurationError` for wrong wheels, a long gap, or a recording that is too short."""
     names = list(states.messages[0].name)
     if not set(wheels) <= set(names):
-        raise configuration.ConfigurationError(
+        raise ConfigurationError(
             "wheels", f"the recording names {', '.join(names)}, the vehicle {', '.join(wheels)}"
         )
     gaps = np.diff(states.stamp_ns, append=states.stamp_ns[-1]) * 1e-9
     if np.max(gaps) > _SHORTEST:
         at = (states.stamp_ns[np.argmax(gaps)] - states.stamp_ns[0]) * 1e-9
-        raise configuration.ConfigurationError(
+        raise ConfigurationError(
             "recording",
             f"has no wheel speeds for {np.max(gaps):.2g} s after {at:.1f} s: "
             "messages are missing, or the clock jumped ahead",
         )
     if np.sum(gaps) < _SHORTEST:
-        raise configuration.ConfigurationError(
+        raise ConfigurationError(
             "recording", f"has wheel speeds of {np.sum(gaps):.2g} s by their stamps; record the run"
         )
 
 
-def _by_wheel(stream: Stream, field: str, wheels: Sequence[str]) -> quantities.FloatArray:
+def _by_wheel(stream: Stream, field: str, wheels: Sequence[str]) -> FloatArray:
     """Return a field of all messages, shape (messages, wheels); NaN if a message omits a wheel."""
     found = [
         dict(zip(message.name, getattr(message, field), strict=False))
@@ -251,7 +241,7 @@ def motions_of(drive: Signals, wheels: Sequence[str] = ()) -> Motions:
     """
     free = np.nan_to_num(drive.pedal) <= 0.0
     if np.all(free):
-        raise configuration.ConfigurationError(
+        raise ConfigurationError(
             _PEDAL, "is 0 or unknown during the whole recording; brake after the three motions"
         )
     # The mean over 0.1 s removes the encoder steps of a wheel that moves slowly.
@@ -261,7 +251,7 @@ def motions_of(drive: Signals, wheels: Sequence[str] = ()) -> Motions:
     found = _runs(speed[:begin], drive.period)
     if len(found) != len(MOTIONS) + 1:
         _check_rest(smooth[:begin], np.max(speed), wheels)
-        raise configuration.ConfigurationError(
+        raise ConfigurationError(
             "recording",
             f"has {max(len(found) - 1, 0)} motions before the first stop, must have three: drive "
             f"{', '.join(MOTIONS)}, with a pause after each, then drive and brake",
@@ -286,7 +276,7 @@ def motions_of(drive: Signals, wheels: Sequence[str] = ()) -> Motions:
     )
 
 
-def _check_rest(speed: quantities.FloatArray, fastest: float, wheels: Sequence[str]) -> None:
+def _check_rest(speed: FloatArray, fastest: float, wheels: Sequence[str]) -> None:
     """Raise `ConfigurationError` if wheels never rest.
 
     Args:
@@ -300,21 +290,21 @@ def _check_rest(speed: quantities.FloatArray, fastest: float, wheels: Sequence[s
     if creeping:
         named = wheels or [f"wheel {row}" for row in range(len(slowest))]
         names = ", ".join(f"{named[row]} {slowest[row]:.2g} rad/s" for row in creeping)
-        raise configuration.ConfigurationError(
+        raise ConfigurationError(
             _WHEELS,
             f"wheels turn at rest, too: {names}: stop the controller between the motions, or "
             "correct the zero of drives and encoders",
         )
 
 
-def _integral(values: quantities.FloatArray, dt: float) -> quantities.FloatArray:
+def _integral(values: FloatArray, dt: float) -> FloatArray:
     """Return the integral of each column; a missing value is replaced by the column's mean."""
     known = np.isfinite(values)
     sums, counts = np.sum(np.where(known, values, 0.0), axis=0), np.sum(known, axis=0)
     return np.where(counts, sums * dt * len(values) / np.maximum(counts, 1), math.nan)
 
 
-def _runs(speed: quantities.FloatArray, period: float) -> list[slice]:
+def _runs(speed: FloatArray, period: float) -> list[slice]:
     """Return the rows of each motion.
 
     A short rest does not end a motion, and short or slow motions are omitted.

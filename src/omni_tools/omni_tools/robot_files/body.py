@@ -7,7 +7,7 @@ import numpy as np
 
 from omni_core.quantities import plain
 from omni_tools.robot_files.controllers import DIFFERENT, wrapped
-from omni_tools.robot_files.described import INVALID, Described, rounded, some
+from omni_tools.robot_files.described import INVALID, Described, some
 from omni_tools.robot_files.links import Robot
 from omni_tools.robot_files.wheels import Wheels
 
@@ -20,6 +20,7 @@ _LOWEST = 0.5  # smallest plausible ratio of the center of gravity's height to a
 _DOWN = -0.7  # limit on the vertical part of the direction of view of a camera at the ground
 # Plausible ratios of the chassis to the wheelbase, or to the track [1].
 _SPAN, _LARGEST_SPAN = 0.5, 2.0
+_AROUND = "estimate: around the wheels"  # source of the size of a chassis without shapes
 
 
 def ground_height(found: Described, robot: Robot, wheels: Wheels) -> float:
@@ -58,26 +59,24 @@ def weigh(found: Described, robot: Robot, wheels: Wheels, ground: float) -> None
             f"shapes without a mass: {some(lacking)}; "
             f"does the robot weigh {plain(mass, 4)} kg? (--mass)"
         )
-    found.mass = rounded(mass)
     source = f"sum over the links of {robot.file}"
     height, radius = float(center[2]) - ground, max(found.radii, default=0.0)
+    values = {"mass": mass, "x": float(center[0]), "y": float(center[1])}
     if height < _LOWEST * radius:
         found.contradictions.append(
             f"center of gravity: {plain(height)} m above the ground in {robot.file}, too "
             f"low on wheels of a radius of {plain(radius)} m; used: an estimate; correct the "
             "origins of the inertias"
         )
-        height = math.nan
-    keys = ("body.mass", "body.x", "body.y", "body.height")
-    found.sources |= dict.fromkeys(keys[:3] if math.isnan(height) else keys, source)
-    found.center = np.array((*center[:2], height))
+    elif not math.isnan(height):
+        values["height"] = height
+    found.enter(source, {f"body.{key}": round(one, 6) for key, one in values.items()})
     places = np.array([wheel.place[:2] for wheel in wheels])
     reach = float(np.max(np.hypot(*(places - places.mean(axis=0)).T))) + radius
     reach = max(reach, 0.5 * math.hypot(found.measured["length"], found.measured["width"]))
-    if found.chassis is None:  # the size is that of the wheels' rectangle
+    if found.sources["chassis_length"] == _AROUND:
         reach *= _LARGEST_SPAN
-    yaw = float(inertia[2, 2])
-    found.yaw_inertia = _possible(found, "body.yaw_inertia", yaw, mass * reach**2, source)
+    _enter_possible(found, "body.yaw_inertia", float(inertia[2, 2]), mass * reach**2, source)
     own, of_wheel, width = np.mean([(w.inertia, w.mass, w.width) for w in wheels], axis=0).tolist()
     heavy = of_wheel > (most := _DENSEST * math.pi * radius**2 * width) > 0.0
     if heavy:
@@ -85,33 +84,30 @@ def weigh(found: Described, robot: Robot, wheels: Wheels, ground: float) -> None
             f"mass of a wheel: {plain(of_wheel)} kg in links of {robot.file}, but its size permits "
             f"at most {plain(most)} kg; used: the links; weigh the robot (--mass)"
         )
-    ring, source = of_wheel * radius**2, f"links of {robot.file}"
-    found.wheel_inertia = _possible(found, "wheel_inertia", own, ring, source)
-    if found.wheel_inertia is None and ring > 0.0 and not heavy:
-        found.wheel_inertia = 0.5 * ring
-        found.sources["wheel_inertia"] = f"estimate: a solid disc of {plain(of_wheel)} kg"
+    ring = of_wheel * radius**2
+    _enter_possible(found, "wheel_inertia", own, ring, f"links of {robot.file}")
+    if "wheel_inertia" not in found.values and ring > 0.0 and not heavy:
+        source = f"estimate: a solid disc of {plain(of_wheel)} kg"
+        found.enter(source, {"wheel_inertia": 0.5 * ring})
 
 
-def _possible(found: Described, key: str, inertia: float, most: float, source: str) -> float | None:
-    """Return a moment of inertia, or None if no body of this mass and size can have it.
+def _enter_possible(found: Described, key: str, inertia: float, most: float, source: str) -> None:
+    """Enter a moment of inertia, unless no body of this mass and size can have it.
 
     Args:
-        found: receives the source, or a contradiction.
+        found: receives the moment, or a contradiction.
         key: key of the moment in the vehicle's file.
         inertia: described moment [kg m^2].
         most: moment of the mass at the edge of the body [kg m^2]; 0 if unknown.
         source: where the moment comes from.
     """
-    if inertia <= 0.0:
-        return None
     if inertia > most > 0.0:
         found.contradictions.append(
             f"{key}: {plain(inertia)} kg m^2 in {source}, but mass and size permit at most "
             f"{plain(most)} kg m^2; used: an estimate; correct the inertia of the links"
         )
-        return None
-    found.sources[key] = source
-    return inertia
+    elif inertia > 0.0:
+        found.enter(source, {key: inertia})
 
 
 def measure_chassis(found: Described, robot: Robot, wheels: Wheels) -> None:
@@ -124,13 +120,11 @@ def measure_chassis(found: Described, robot: Robot, wheels: Wheels) -> None:
         shapes = [shape.corners[:, :2] for shape in robot.shapes(links) if shape.of == of]
         corners = np.reshape(shapes, (-1, 2))
         if shapes and np.all(np.ptp(corners, axis=0) > _SPAN * span):
-            found.chassis = np.array([corners.min(axis=0), corners.max(axis=0)])
-            source = f"{of} shapes of {robot.file}"
+            found.enter_chassis(f"{of} shapes of {robot.file}", corners)
             break
     else:
-        source = "estimate: around the wheels"
-    found.sources |= dict.fromkeys(("chassis_length", "chassis_width"), source)
-    if found.chassis is None or meshes:
+        found.enter_chassis(_AROUND)
+    if meshes or found.sources["chassis_length"] == _AROUND:
         what = f"the meshes of {some(meshes)}" if meshes else "the chassis"
         found.questions.append(
             f"{what} are not measured: how long and wide is the chassis? (--length, --width)"

@@ -12,10 +12,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from omni_core.configuration import ConfigurationError
 from omni_core.geometry import PlatformGeometry, WheelMount, turned
 from omni_core.kinematics import PlatformKinematics
 from omni_runs.yaml_files import commented_yaml, read_mapping
+from omni_tools.robot_files.refusal import refused
 
 MECANUM, OMNI = "mecanum", "omni"
 PACKAGES = {MECANUM: "mecanum_drive_controller", OMNI: "omni_wheel_drive_controller"}
@@ -121,27 +121,25 @@ class Controller(NamedTuple):
         """
         x, y, theta = self.offset
         if self.kind == OMNI:
-            angles = [math.radians(heading + 90.0) + theta for heading, _ in self.assumed.values()]
-            places = [(math.cos(angle), math.sin(angle)) for angle in angles]
-            rollers, known = [0.0] * len(places), (self.robot_radius, self.robot_radius)
+            angles = np.radians([heading + 90.0 for heading, _ in self.assumed.values()]) + theta
+            places = np.stack((np.cos(angles), np.sin(angles)), axis=1)
+            rollers, known = np.zeros(len(places)), (self.robot_radius, self.robot_radius)
         else:
-            signs = [CORNERS[corner] for corner in self.joints]
-            places = [(0.5 * ahead, 0.5 * left) for ahead, left in signs]
-            rollers, known = [-45.0 * math.prod(one) for one in signs], (self.wheelbase, self.track)
-        scale = [length for length in known if length is not None]
-        if self.radius is None or len(scale) < len(known) or not places:
+            places = 0.5 * np.reshape([CORNERS[corner] for corner in self.joints], (-1, 2))
+            rollers, known = -180.0 * np.prod(places, axis=1), (self.wheelbase, self.track)
+        if self.radius is None or None in known or not len(places):
             return None
-        inside = turned(np.multiply(places, scale) - (x, y), -theta).tolist()
+        inside = turned(places * np.array(known, np.float64) - (x, y), -theta)
         return {
             name: WheelMount(
-                x=place[0],
-                y=place[1],
+                x=ahead,
+                y=left,
                 heading_deg=heading,
                 roller_angle_deg=roller,
                 radius=self.radius * factor,
             )
-            for (name, (heading, factor)), place, roller in zip(
-                self.assumed.items(), inside, rollers, strict=True
+            for (name, (heading, factor)), (ahead, left), roller in zip(
+                self.assumed.items(), inside.tolist(), rollers.tolist(), strict=True
             )
         }
 
@@ -221,8 +219,7 @@ def _controller(name: str, kind: str, values: Mapping[str, Any]) -> Controller:
     joints = _joints(kind, values, name)
     listed = list(joints.values())
     if twice := next((joint for joint in listed if listed.count(joint) > 1), None):
-        problem = f"{name} names the joint {twice!r} for several wheels; correct one of them"
-        raise ConfigurationError("--from", problem)
+        raise refused(f"{name} names the joint {twice!r} for several wheels; correct one of them")
     factors = {
         corner: number(key)
         for corner in joints
@@ -243,9 +240,7 @@ def _joints(kind: str, values: Mapping[str, Any], name: str) -> dict[str, str]:
     if kind == OMNI:
         names = values.get("wheel_names")
         if not isinstance(names, list) or len(names) < 3:
-            raise ConfigurationError(
-                "--from", f"{name}: wheel_names must list three or more joints"
-            )
+            raise refused(f"{name}: wheel_names must list three or more joints")
         return {str(row): str(joint) for row, joint in enumerate(names)}
     found = {
         f"{corner[1]}_{corner[2]}": str(joint)
@@ -253,8 +248,7 @@ def _joints(kind: str, values: Mapping[str, Any], name: str) -> dict[str, str]:
         if joint and (corner := _JOINT.fullmatch(key))
     }
     if lacking := [corner for corner in CORNERS if found and corner not in found]:
-        problem = f"{name} names no joint of the wheel {', '.join(lacking)}; add its parameter"
-        raise ConfigurationError("--from", problem)
+        raise refused(f"{name} names no joint of the wheel {', '.join(lacking)}; add its parameter")
     return {corner: found[corner] for corner in CORNERS if found}
 
 
@@ -285,7 +279,7 @@ def _number(values: Mapping[str, Any], key: str, name: str, usual: float | None 
     elif abs(number) > limit:
         problem = f"{number:g}{unit}, more than {limit:.3g}{unit}; give {words}"
     if problem:
-        raise ConfigurationError("--from", f"{name}: {key} is {problem}")
+        raise refused(f"{name}: {key} is {problem}")
     return number
 
 

@@ -1,7 +1,6 @@
 """What the files of a robot say of a vehicle, with their contradictions and gaps."""
 
 import dataclasses
-import math
 import re
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -11,25 +10,25 @@ import numpy as np
 from omni_core.quantities import FloatArray, plain
 from omni_tools.robot_files.controllers import DIFFERENT, MECANUM
 
+KEYS = {"mass": "body.mass", "length": "chassis_length", "width": "chassis_width"}
+"""Keys of the vehicle's file for values that the user may measure."""
+
 _LISTED = 4  # names in a sentence
+_MIDDLE = 1e-4  # offset of the chassis that is not entered [m]
 PARALLEL = 5.0  # limit on the angle between the axles of Mecanum wheels [deg]
 INVALID = re.compile(r"[^A-Za-z0-9_]")
 
 
 @dataclasses.dataclass
 class Described:
-    """Vehicle that the files describe; None or empty what they lack.
+    """Vehicle that the files describe.
 
     Attributes:
         kind: `MECANUM` or `OMNI`.
         wheels: wheels in base_link, keyed by joint; without a radius if it is unknown.
-        chassis: smallest and largest x and y of the chassis [m], shape (2, 2).
-        mass: mass [kg].
-        center: center of gravity in base_link, with its height above the ground, NaN if it is
-            unknown [m], shape (3,).
-        yaw_inertia: moment of inertia about the vertical through the center of gravity [kg m^2].
-        wheel_inertia: mean moment of inertia of a wheel about its axis [kg m^2].
-        imu: pose of the IMU in base_link, shape (4, 4).
+        values: known values of the body, the wheels and the chassis, keyed by key of the vehicle's
+            file; the center of gravity and the middle of the chassis are in base_link.
+        imu: pose of the IMU in base_link, shape (4, 4); None if there is none.
         cameras: position [m] and heading [deg] of cameras that look at the ground, by name.
         sources: where a value comes from, keyed by key of the vehicle's file.
         contradictions: sentences on values that differ between the files.
@@ -38,11 +37,7 @@ class Described:
 
     kind: str = MECANUM
     wheels: dict[str, dict[str, float]] = dataclasses.field(default_factory=dict)
-    chassis: FloatArray | None = None
-    mass: float | None = None
-    center: FloatArray | None = None
-    yaw_inertia: float | None = None
-    wheel_inertia: float | None = None
+    values: dict[str, float] = dataclasses.field(default_factory=dict)
     imu: FloatArray | None = None
     cameras: dict[str, dict[str, float]] = dataclasses.field(default_factory=dict)
     sources: dict[str, str] = dataclasses.field(default_factory=dict)
@@ -63,36 +58,30 @@ class Described:
     def measured(self) -> dict[str, Any]:
         """Values of `Measured` that the files contain, or that follow from the wheels."""
         values: dict[str, Any] = {"kind": self.kind, "wheels": len(self.wheels)}
-        values |= {"mass": self.mass} if self.mass else {}
         values |= {"wheel_radius": max(self.radii)} if self.radii else {}
-        length, width = np.ptp(self._extent, axis=0)
-        return {**values, "length": rounded(length), "width": rounded(width)}
+        return values | {one: self.values[key] for one, key in KEYS.items() if key in self.values}
 
-    @property
-    def body(self) -> dict[str, float]:
-        """Values of the body in the vehicle's file, except its mass."""
-        values: dict[str, float] = {}
-        if self.center is not None:
-            x, y, height = map(rounded, np.round(self.center, 6).tolist())
-            values = {"x": x, "y": y} | ({} if math.isnan(height) else {"height": height})
-        if self.yaw_inertia is not None:
-            values["yaw_inertia"] = rounded(self.yaw_inertia)
-        return values
+    def enter(self, source: str, values: Mapping[str, float]) -> None:
+        """Enter known values, keyed by key of the vehicle's file."""
+        self.values |= {key: rounded(value) for key, value in values.items()}
+        self.sources |= dict.fromkeys(values, source)
 
-    @property
-    def chassis_center(self) -> FloatArray:
-        """Center of the chassis in base_link [m], shape (2,)."""
-        return np.asarray(self._extent.mean(axis=0))
+    def enter_chassis(self, source: str, corners: FloatArray | None = None) -> None:
+        """Enter size and middle of a chassis with N corners [m], shape (N, 2).
 
-    @property
-    def _extent(self) -> FloatArray:
-        """Extent of the chassis, or around the wheels if it is unknown [m], shape (2, 2)."""
-        if self.chassis is not None:
-            return self.chassis
-        places = np.array([(wheel["x"], wheel["y"]) for wheel in self.wheels.values()])
-        center = places.mean(axis=0)
-        half = np.max(np.abs(places - center), axis=0) + max(self.radii, default=0.0)
-        return np.array([center - half, center + half])
+        Without corners, it surrounds the wheels.
+        """
+        if corners is None:
+            places = np.array([(wheel["x"], wheel["y"]) for wheel in self.wheels.values()])
+            center = places.mean(axis=0)
+            half = np.max(np.abs(places - center), axis=0) + max(self.radii, default=0.0)
+            corners = np.array([center - half, center + half])
+        length, width = np.ptp(corners, axis=0).tolist()
+        middle = (0.5 * (corners.min(axis=0) + corners.max(axis=0))).tolist()
+        moved = {
+            f"chassis_{x}": at for x, at in zip("xy", middle, strict=True) if abs(at) > _MIDDLE
+        }
+        self.enter(source, {"chassis_length": length, "chassis_width": width, **moved})
 
     def differ(self, what: str, values: Mapping[str, float], used: str, remedy: str) -> None:
         """List values of a length [m], keyed by source, if they differ from the used one."""

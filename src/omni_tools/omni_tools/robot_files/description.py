@@ -13,7 +13,6 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from omni_core.configuration import ConfigurationError
 from omni_core.geometry import turned
 from omni_core.quantities import FloatArray, plain
 from omni_tools.robot_files.body import find_sensors, ground_height, measure_chassis, weigh
@@ -28,6 +27,7 @@ from omni_tools.robot_files.controllers import (
 )
 from omni_tools.robot_files.described import INVALID, PARALLEL, Described
 from omni_tools.robot_files.links import Robot
+from omni_tools.robot_files.refusal import refused
 from omni_tools.robot_files.wheels import (
     Wheels,
     base_link,
@@ -96,10 +96,9 @@ def _check_one(controllers: Sequence[Controller]) -> None:
     for first, other in itertools.pairwise(controllers):
         # The frame of the twist is no kinematics.
         if other._replace(name=first.name, base=first.base) != first:
-            raise ConfigurationError(
-                "--from",
+            raise refused(
                 f"several controllers drive wheels in different ways: {first.name} and "
-                f"{other.name}; give the file of the one that runs",
+                f"{other.name}; give the file of the one that runs"
             )
 
 
@@ -107,13 +106,12 @@ def _of_controller(controller: Controller | None, radius: float | None) -> Descr
     """Return the vehicle of a controller alone."""
     if controller is None:
         problem = "the files contain neither a robot description nor a drive controller"
-        raise ConfigurationError("--from", f"{problem}; add the URDF of the robot")
+        raise refused(f"{problem}; add the URDF of the robot")
     known = radius or controller.radius
     mounts = controller._replace(radius=known).wheels()
     if mounts is None:
-        raise ConfigurationError(
-            "--from",
-            f"{controller.name} gives no position of a single wheel; add the URDF of the robot",
+        raise refused(
+            f"{controller.name} gives no position of a single wheel; add the URDF of the robot"
         )
     places = np.array([(mount.x, mount.y) for mount in mounts.values()])
     _usable({_OPTION if radius else controller.name: known or 0.0}, places, controller.name)
@@ -122,6 +120,7 @@ def _of_controller(controller: Controller | None, radius: float | None) -> Descr
         keys = ("x", "y", "heading_deg", "roller_angle_deg", "radius")
         found.wheels[name] = {key: round(getattr(mount, key), 6) + 0.0 for key in keys}
     found.sources["wheels"] = f"{controller.name}, which assumes the roller directions"
+    found.enter_chassis("")
     found.questions += [_ROLLERS] * (found.kind == MECANUM)
     found.questions.append(
         "the files contain no chassis: how long and wide is it? (--length, --width)"
@@ -376,12 +375,12 @@ def _usable(radii: Mapping[str, float], places: FloatArray, file: str) -> dict[s
         wrong[f"distance of a wheel from the center in {file}"] = distance
     for what, value in wrong.items():
         problem = f"the {what} is {plain(value)} m, which looks like millimeters or inches"
-        raise ConfigurationError("--from", f"{problem}; give meters")
+        raise refused(f"{problem}; give meters")
     apart = float(np.max(np.ptp(places, axis=0)))
     usable = dict(sorted(radii.items(), key=lambda one: one[0] != _OPTION and one[1] >= apart))
     source = next(iter(usable), "")
     if (size := usable.get(source, 0.0)) >= apart:
         problem = f"wheels of a radius of {plain(size)} m ({source}) do not fit on axles that"
         remedy = "correct the files, or give --wheel-radius"
-        raise ConfigurationError("--from", f"{problem} are {plain(apart)} m apart; {remedy}")
+        raise refused(f"{problem} are {plain(apart)} m apart; {remedy}")
     return usable

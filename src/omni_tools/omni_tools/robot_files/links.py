@@ -5,7 +5,7 @@ masses and shapes are in the frame of their link. Poses are matrices of shape (4
 coordinates of a frame to those of its parent, or of another frame; all joints are at zero.
 """
 
-import functools
+import itertools
 import math
 import warnings
 from collections import Counter
@@ -19,8 +19,14 @@ from scipy.spatial.transform import Rotation
 from omni_core.configuration import ConfigurationError
 from omni_core.quantities import FloatArray
 from omni_core.sensors import rotation_matrix
+from omni_tools.robot_files.refusal import refused
 
-_SHAPES = {"box": ("size",), "cylinder": ("radius", "length"), "sphere": ("radius",)}
+# Attributes of a shape whose multiples are half of the edges of the box around it.
+_SHAPES = {
+    "box": {"size": (0.5, 0.5, 0.5)},
+    "cylinder": {"radius": (1.0, 1.0, 0.0), "length": (0.0, 0.0, 0.5)},
+    "sphere": {"radius": (1.0, 1.0, 1.0)},
+}
 
 
 class Shape(NamedTuple):
@@ -28,24 +34,21 @@ class Shape(NamedTuple):
 
     Attributes:
         kind: ``box``, ``cylinder`` (about its z axis) or ``sphere``.
-        size: edges of the box, or radius and length of the cylinder, or radius of the sphere [m].
+        half: half of the edges of the box around it, along the axes of its pose [m], shape (3,).
         pose: pose in the link, or in the base of the robot.
         of: ``collision`` or ``visual``.
     """
 
     kind: str
-    size: tuple[float, ...]
+    half: FloatArray
     pose: FloatArray
     of: str
 
     @property
     def corners(self) -> FloatArray:
         """Corners of the box around the shape, in the frame of its pose [m], shape (8, 3)."""
-        radius, length = self.size[0], self.size[-1]
-        half = np.array([radius, radius, 0.5 * length if self.kind == "cylinder" else radius])
-        half = 0.5 * np.array(self.size) if self.kind == "box" else half
-        signs = np.array(np.meshgrid(*3 * [(-1.0, 1.0)])).reshape(3, 8).T
-        return np.asarray(signs * half @ self.pose[:3, :3].T + self.pose[:3, 3])
+        signs = np.array(list(itertools.product((-1.0, 1.0), repeat=3)))
+        return np.asarray(signs * self.half @ self.pose[:3, :3].T + self.pose[:3, 3])
 
 
 class Link(NamedTuple):
@@ -101,7 +104,7 @@ class Robot:
         parents: joint that holds a link, keyed by link; the root has none.
         base: name of the link in whose frame poses are given; the root unless it is changed.
         driven: names of the joints that ros2_control drives by velocity.
-        grips: extensions for Gazebo with a direction of friction, keyed by link.
+        grips: directions of friction for Gazebo, keyed by link.
 
     Raises:
         ConfigurationError: the text is not a URDF, a value is invalid, or the links form no tree.
@@ -125,7 +128,6 @@ class Robot:
             raise self._wrong(f"{problem}; give the URDF or xacro file of the robot")
         self.links = self._by_name(self._link(one) for one in root.findall("link"))
         self.joints = self._by_name(self._joint(one) for one in root.findall("joint"))
-        self.parents: dict[str, Joint] = {}
         if partial and self.links:
             self._keep_connected()
         self.driven = tuple(
@@ -133,9 +135,9 @@ class Robot:
             for joint in root.findall("ros2_control/joint/command_interface[@name='velocity']/..")
         )
         self.grips = {
-            element.get("reference", ""): element
+            element.get("reference", ""): direction
             for element in root.findall("gazebo")
-            if element.find(".//fdir1") is not None
+            if (direction := element.find(".//fdir1")) is not None
         }
         self.base = self._root()
         for name in self.links:
@@ -144,27 +146,20 @@ class Robot:
     def grip(self, link: str) -> FloatArray | None:
         """Return the direction of a link's larger friction in Gazebo, shape (3,); None if unknown.
 
-        It is `fdir1` in the frame `expressed_in`, or in that of the link; if the friction `mu`
-        along it is less than `mu2`, it is the direction across.
+        It is `fdir1` in the frame `expressed_in`, or in that of the link.
         """
         element = self.grips.get(link)
         if element is None:
             return None
-        friction = {one.tag: one.text or "" for one in element.iter()}
-        (first,) = list(element.iter("fdir1"))[:1]
-        frame = next((one for one in first.attrib.values() if one in self.links), link)
+        frame = next((one for one in element.attrib.values() if one in self.links), link)
         try:
-            direction = np.array([float(word) for word in friction["fdir1"].split()])
-            along, across = float(friction.get("mu", friction.get("mu1", "1"))), friction.get("mu2")
-            direction = self.pose(frame)[:3, :3] @ direction
-            if across is not None and along < float(across):
-                direction = np.cross((0.0, 0.0, 1.0), direction)
+            direction = np.array([float(word) for word in (element.text or "").split()])
+            return np.asarray(self.pose(frame)[:3, :3] @ direction)
         except ValueError:
             return None
-        return np.asarray(direction)
 
     def _wrong(self, problem: str) -> ConfigurationError:
-        return ConfigurationError("--from", f"{self.file} {problem}")
+        return refused(f"{self.file} {problem}")
 
     def _by_name(self, parts: Iterable[_Part]) -> dict[str, _Part]:
         found: dict[str, _Part] = {}
@@ -184,7 +179,6 @@ class Robot:
         ((largest, _),) = Counter(roots.values()).most_common(1)
         self.links = {name: one for name, one in self.links.items() if roots[name] == largest}
         self.joints = {n: one for n, one in self.joints.items() if one.child in self.links}
-        self.parents = {}
 
     def _root(self) -> str:
         """Enter the joint that holds each link, and return the link that none holds."""
@@ -193,6 +187,7 @@ class Robot:
                 "has no links; give the file of the robot, which includes it, and the packages"
             )
             raise self._wrong(f"{problem} that it includes")
+        self.parents = {}
         for joint in self.joints.values():
             for link in (joint.parent, joint.child):
                 if link not in self.links:
@@ -223,11 +218,11 @@ class Robot:
 
     def pose(self, link: str) -> FloatArray:
         """Return the pose of a link in the frame of the link `base`, shape (4, 4)."""
-        in_root = [
-            functools.reduce(np.matmul, [joint.pose for joint in self.chain(one)[::-1]], np.eye(4))
-            for one in (self.base, link)
-        ]
-        return np.asarray(np.linalg.solve(*in_root))
+        return np.asarray(np.linalg.solve(self._in_root(self.base), self._in_root(link)))
+
+    def _in_root(self, link: str) -> FloatArray:
+        joint = self.parents.get(link)
+        return np.eye(4) if joint is None else self._in_root(joint.parent) @ joint.pose
 
     def below(self, link: str) -> list[str]:
         """Return a link and all links that its joints hold."""
@@ -239,11 +234,11 @@ class Robot:
 
     def rigid(self, link: str) -> list[str]:
         """Return the links that fixed joints connect with a link, and the link itself."""
-        moving = [
-            next((joint.name for joint in self.chain(name) if joint.kind != "fixed"), "")
-            for name in (link, *self.links)
-        ]
-        return [name for name, one in zip(self.links, moving[1:], strict=True) if one == moving[0]]
+
+        def moved_by(name: str) -> str:
+            return next((joint.name for joint in self.chain(name) if joint.kind != "fixed"), "")
+
+        return [name for name in self.links if moved_by(name) == moved_by(link)]
 
     def shapes(self, links: Iterable[str]) -> list[Shape]:
         """Return the shapes of some links, with poses in the frame of the link `base`."""
@@ -274,24 +269,22 @@ class Robot:
         return mass, center, np.sum(inertia, axis=0) + np.trace(spread) * np.eye(3) - spread
 
     def _link(self, element: ElementTree.Element) -> Link:
-        name, inertial = element.get("name", ""), element.find("inertial")
-        if inertial is None:
-            inertial = ElementTree.Element("inertial")
+        name = element.get("name", "")
         place = f"link {name!r}"
-        mass = float(self._numbers(inertial.find("mass"), "value", "0", 1, place)[0])
-        pose, tensor = self._pose(inertial.find("origin"), place), inertial.find("inertia")
+        mass = float(self._numbers(element.find("inertial/mass"), "value", "0", 1, place)[0])
+        pose = self._pose(element.find("inertial/origin"), place)
+        tensor = element.find("inertial/inertia")
         keys = ("ixx", "ixy", "ixz", "ixy", "iyy", "iyz", "ixz", "iyz", "izz")
         moments = [self._numbers(tensor, key, "0", 1, place) for key in keys]
         if mass < 0.0:
             raise self._wrong(f"has the mass {mass:g} kg in the link {name!r}")
-        turn = pose[:3, :3]
         shapes = [
             self._shape(one, kind, name)
             for kind in ("collision", "visual")
             for one in element.findall(kind)
         ]
         known = tuple(shape for shape in shapes if shape is not None)
-        inertia = np.asarray(turn @ np.reshape(moments, (3, 3)) @ turn.T)
+        inertia = np.asarray(pose[:3, :3] @ np.reshape(moments, (3, 3)) @ pose[:3, :3].T)
         return Link(name, mass, pose[:3, 3], inertia, known, len(shapes) - len(known))
 
     def _shape(self, element: ElementTree.Element, of: str, link: str) -> Shape | None:
@@ -300,11 +293,11 @@ class Robot:
             if solid is not None:
                 place = f"{of} of the link {link!r}"
                 count = 3 if kind == "box" else 1
-                size = [self._numbers(solid, key, "", count, place) for key in keys]
-                values = tuple(np.concatenate(size).tolist())
-                if min(values) < 0.0:
+                sizes = [self._numbers(solid, key, "", count, place) for key in keys]
+                if min(map(np.min, sizes)) < 0.0:
                     raise self._wrong(f"has a negative size of the {kind} in the {place}")
-                return Shape(kind, values, self._pose(element.find("origin"), place), of)
+                half = np.sum(np.multiply(sizes, list(keys.values())), axis=0)
+                return Shape(kind, half, self._pose(element.find("origin"), place), of)
         return None
 
     def _joint(self, element: ElementTree.Element) -> Joint:

@@ -8,10 +8,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from omni_core.configuration import ConfigurationError, did_you_mean
+from omni_core.configuration import did_you_mean
 from omni_core.quantities import FloatArray
 from omni_tools.robot_files.controllers import Controller, wrapped
 from omni_tools.robot_files.links import Joint, Robot, Shape
+from omni_tools.robot_files.refusal import refused
 
 _MOVING = ("continuous", "revolute")
 _OTHER = "(?!.*(roller|caster|castor|steer|cover|fender|mount|support|arch))"
@@ -67,10 +68,9 @@ def base_link(robot: Robot, controller: Controller | None) -> str:
         if name in named:
             return name
     if named:
-        raise ConfigurationError(
-            "--from",
+        raise refused(
             f"{robot.file} has several links named base_link: {', '.join(named)}; give the "
-            "description of one robot",
+            "description of one robot"
         )
     return driven if driven in robot.links else robot.base
 
@@ -89,10 +89,9 @@ def matched(robot: Robot, controller: Controller) -> Controller:
         ]
         if len(alike) != 1:
             what = f"{len(alike)} of them" if alike else "no such joint"
-            raise ConfigurationError(
-                "--from",
+            raise refused(
                 f"{controller.name} names the wheel joint {name!r}, but {robot.file} has "
-                f"{what}{did_you_mean(name, robot.joints)}",
+                f"{what}{did_you_mean(name, robot.joints)}"
             )
         names[key] = alike[0]
     return controller._replace(joints=names)
@@ -120,10 +119,9 @@ def described_wheels(
     if len(joints) < 3:
         moving = [one.name for one in robot.joints.values() if one.kind in _MOVING]
         problem = f"{robot.file} has {len(joints) or 'no'} wheels, must have three or more"
-        raise ConfigurationError(
-            "--from",
+        raise refused(
             f"{problem} (moving joints: {', '.join(moving[:12]) or 'none'}); add the parameter "
-            "file of the controller, which names the joints of the wheels",
+            "file of the controller, which names the joints of the wheels"
         )
     for joint in joints if kind is None else ():
         _check_not_steered(robot, joint)
@@ -163,11 +161,10 @@ def _outermost(robot: Robot, joints: Sequence[Joint]) -> list[Joint]:
 def _check_not_steered(robot: Robot, wheel: Joint) -> None:
     for joint in _upright_above(robot, wheel):
         if joint.kind in _MOVING:
-            raise ConfigurationError(
-                "--from",
+            raise refused(
                 f"the wheel {wheel.name} of {robot.file} is steered by the joint {joint.name}; "
                 "the files of a vehicle describe wheels of a fixed direction (if only a "
-                "simulation steers them, give --kind mecanum)",
+                "simulation steers them, give --kind mecanum)"
             )
 
 
@@ -207,16 +204,14 @@ def _axis(robot: Robot, joint: Joint) -> FloatArray:
 def _wheel(robot: Robot, joint: Joint) -> DescribedWheel:
     axis, place = _axis(robot, joint), robot.pose(joint.child)[:3, 3]
     if abs(axis[2]) > _UPRIGHT or not np.any(axis):
-        raise ConfigurationError(
-            "--from", f"the axis of the wheel {joint.name} of {robot.file} is not horizontal"
-        )
+        raise refused(f"the axis of the wheel {joint.name} of {robot.file} is not horizontal")
     below = robot.below(joint.child)
     mass, center, moments = robot.body(below)
     inertia = float(axis @ moments @ axis + mass * np.sum(np.cross(center - place, axis) ** 2))
     rigid = set(robot.rigid(joint.child)).intersection(below)  # rollers turn by themselves
     round_shapes = sorted(
         (one for one in robot.shapes(rigid) if _is_round(one, axis)),
-        key=lambda one: (one.of, one.size[0]),
+        key=lambda one: (one.of, one.half[0]),
     )
     cylinders = {one.of: one for one in round_shapes if one.kind == "cylinder"}
     solid = cylinders.get("collision", cylinders.get("visual"))
@@ -235,8 +230,8 @@ def _wheel(robot: Robot, joint: Joint) -> DescribedWheel:
         place=place if solid is None else place + beside * axis,
         heading_deg=heading,
         roller_deg=roller,
-        radii={one.of: one.size[0] for one in round_shapes},  # the largest is the last one
-        width=0.0 if solid is None else solid.size[1],
+        radii={one.of: float(one.half[0]) for one in round_shapes},  # the largest is the last one
+        width=0.0 if solid is None else 2.0 * float(solid.half[2]),
         beside=beside,
         mass=mass,
         inertia=inertia,
@@ -247,4 +242,4 @@ def _is_round(shape: Shape, axis: FloatArray) -> bool:
     """Return whether a shape is round about the axis of a wheel."""
     across = abs(float(shape.pose[:3, 2] @ axis))
     turns = shape.kind == "sphere" or (shape.kind == "cylinder" and across > 1.0 - _UPRIGHT)
-    return turns and shape.size[0] > 0.0
+    return bool(turns and shape.half[0] > 0.0)

@@ -19,6 +19,7 @@ from xml.parsers.expat import ExpatError
 from omni_core.configuration import ConfigurationError, did_you_mean
 from omni_core.files import read_text
 from omni_core.plugins import import_optional
+from omni_tools.robot_files.refusal import refused
 
 # Attributes that lead to the interpreter, and functions that reach them by a text.
 _SPECIAL = re.compile(r"_|(gi|cr|ag|tb|co)_|f_(back|builtins|code|globals|locals)$")
@@ -27,9 +28,16 @@ _FIND = re.compile(r"\$\(find\s+([^)\s]+)\s*\)|find\('([^']+)'\)|package://([\w-
 _ARGUMENT = re.compile(
     r"<xacro:arg\b[^>]*?\bname\s*=\s*[\"']([\w-]+)|\$\(arg\s+([\w-]+)|xacro\.arg\(['\"]([\w-]+)"
 )
-_MISSING = re.compile(r"[Pp]ackage '?([\w-]+)'? not found")
 _ABSENT = "/absent"  # folder that stands for those of missing packages
-_NO_FILE = re.compile(r"No such file or directory: '([^']+)'")
+# What a file lacks, keyed by what xacro says; {0} is the group, {1} the whole text.
+_REASONS = {
+    r"[Pp]ackage '?([\w-]+)'? not found": "the package {0} is not in the folders around it; put "
+    "its folder next to them, source a workspace that has it, or leave out what it contains by "
+    "--skip-missing",
+    r"No such file or directory: '([^']+)'": "lacks the file {0}",
+    r"Undefined substitution argument (\S+)": "the argument {0} has no value",
+    r"name '(\w+)' is not defined": "the property {0} is not defined ({1})",
+}
 _UNDEFINED = re.compile(r"the property (\S+) is not defined|unknown macro name: xacro:(\S+)")
 # An include, or a definition of a name, in the old syntax of xacro.
 _OLD = r"<(?:include\b[^>]*?\bfilename|(?:property|macro)\b[^>]*?=\s*[\"'][^\"'>]*\b{}\b)"
@@ -55,14 +63,15 @@ def read_description(
         text = read_text(path)
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or error
-        raise ConfigurationError("--from", f"cannot read {path}: {reason}") from None
+        raise refused(f"cannot read {path}: {reason}") from None
     if not any(macro in text for macro in ("xacro:", "$(", "${")) or "<sdf" in text:
         return text
     try:
         xacro = import_optional("xacro", "xacro")
     except ImportError:
-        problem = f"{path} needs the package xacro: ./omni install xacro, or {_REMEDY}"
-        raise ConfigurationError("--from", problem) from None
+        raise refused(
+            f"{path} needs the package xacro: ./omni install xacro, or {_REMEDY}"
+        ) from None
     # xacro warns of outdated functions and namespaces, which concern only the author of the file.
     with contextlib.ExitStack() as restored, contextlib.redirect_stderr(io.StringIO()):
         guarded = _guarded(xacro, packages_around(path), trust, skipped)
@@ -83,8 +92,7 @@ def _expanded(
         ]
         if unknown := [name for name in arguments if name not in known]:
             hint = did_you_mean(unknown[0], filter(None, known))
-            problem = f"{path} uses no argument {unknown[0]}{hint}"
-            raise ConfigurationError("--from", problem)
+            raise refused(f"{path} uses no argument {unknown[0]}{hint}")
         return str(document.toxml())
     except ConfigurationError:
         raise
@@ -110,23 +118,15 @@ def _expanded(
         if skipped:
             problem += f", or is in a package that is left out: {', '.join(dict.fromkeys(skipped))}"
     place = Path((xacro.filestack or [path])[-1])
-    raise ConfigurationError("--from", f"{place}: {problem}; {_REMEDY}") from None
+    raise refused(f"{place}: {problem}; {_REMEDY}") from None
 
 
 def _reason(error: Exception) -> str:
     """Return what a file lacks, in words, from an error of xacro."""
     text = " ".join(str(error).split()) or type(error).__name__
-    if found := _MISSING.search(text):
-        return (
-            f"the package {found[1]} is not in the folders around it; put its folder next to them, "
-            "source a workspace that has it, or leave out what it contains by --skip-missing"
-        )
-    if found := _NO_FILE.search(text):
-        return f"lacks the file {Path(found[1]).resolve()}"
-    if found := re.search(r"Undefined substitution argument (\S+)", text):
-        return f"the argument {found[1]} has no value"
-    if found := re.search(r"name '(\w+)' is not defined", text):
-        return f"the property {found[1]} is not defined ({text})"
+    for pattern, words in _REASONS.items():
+        if found := re.search(pattern, text):
+            return words.format(found[1], text)
     return text
 
 
@@ -214,10 +214,9 @@ def _check(expression: str) -> None:
     names = [node.attr for node in nodes if isinstance(node, ast.Attribute)]
     names += [node.id for node in nodes if isinstance(node, ast.Name) and node.id[:2] == "__"]
     for name in filter(_SPECIAL.match, names):
-        raise ConfigurationError(
-            "--from",
+        raise refused(
             f"the expression ${{{expression}}} uses {name}, through which it could run any "
-            "program; if you trust the file, repeat the command with --trust",
+            "program; if you trust the file, repeat the command with --trust"
         )
 
 

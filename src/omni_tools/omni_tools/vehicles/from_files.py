@@ -1,22 +1,21 @@
 """Files of a vehicle from the files of a robot."""
 
+import functools
 import itertools
 import textwrap
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from omni_core.configuration import ConfigurationError
+from omni_runs.yaml_files import merge, nest
 from omni_tools.robot_files.controllers import read_controllers
-from omni_tools.robot_files.described import Described, rounded
+from omni_tools.robot_files.described import KEYS, Described, rounded
 from omni_tools.robot_files.description import describe
 from omni_tools.robot_files.links import Robot, roll_pitch_yaw
+from omni_tools.robot_files.refusal import refused
 from omni_tools.robot_files.xacro_files import read_description
 from omni_tools.vehicles.estimates import KnownValues, Measured
 
-# Keys of the vehicle's file whose source is the user if an option gives their value.
-_KEYS = {"mass": "body.", "length": "chassis_length", "width": "chassis_width"}
-_ROUNDING = 1e-4  # offset of the chassis that is not written [m]
 _WIDTH = 110  # characters of a line of comment
 _PARAMETERS = (".yaml", ".yml")
 
@@ -49,7 +48,7 @@ def described_vehicle(
     if len(descriptions) > 1:
         names = ", ".join(path.name for path in descriptions)
         problem = f"{names} are several robots, each with a base_link; give the file of one"
-        raise ConfigurationError("--from", f"{problem}; it may include others")
+        raise refused(f"{problem}; it may include others")
     robot, skipped = None, list[str]()
     for path in descriptions:
         lacking = skipped if skip_missing else None
@@ -81,21 +80,18 @@ def known_values(name: str, found: Described, measured: Measured) -> KnownValues
         wheel: {**values, "radius": values.get("radius", measured.wheel_radius)}
         for wheel, values in found.wheels.items()
     }
-    described = found.measured
-    given = tuple(key for one, key in _KEYS.items() if getattr(measured, one) != described.get(one))
-    sources = {key: text for key, text in found.sources.items() if not key.startswith(given)}
     # The files do not know the distribution of a mass that the user gives.
-    body = found.body if found.mass == measured.mass else {}
-    vehicle: dict[str, Any] = {"wheels": wheels, "body": body}
-    for axis, value in zip("xy", found.chassis_center.tolist(), strict=True):
-        if abs(value) > _ROUNDING:
-            vehicle[f"chassis_{axis}"] = rounded(value)
-            sources[f"chassis_{axis}"] = found.sources.get("chassis_length", "")
-            if axis not in body:
-                body[axis] = rounded(value)
-                sources[f"body.{axis}"] = "estimate: the middle of the chassis"
-    if found.wheel_inertia is not None:
-        vehicle["wheel_inertia"] = max(rounded(found.wheel_inertia), 1e-6)
+    changed = [key for one, key in KEYS.items() if getattr(measured, one) != found.values.get(key)]
+    given = tuple(key.partition(".")[0] for key in changed)
+    values = {key: value for key, value in found.values.items() if not key.startswith(given)}
+    sources = {key: text for key, text in found.sources.items() if not key.startswith(given)}
+    for axis in "xy":
+        if f"chassis_{axis}" in values and f"body.{axis}" not in values:
+            values[f"body.{axis}"] = values[f"chassis_{axis}"]
+            sources[f"body.{axis}"] = "estimate: the middle of the chassis"
+    if "wheel_inertia" in values:
+        values["wheel_inertia"] = max(values["wheel_inertia"], 1e-6)
+    vehicle = functools.reduce(merge, itertools.starmap(nest, values.items()), {"wheels": wheels})
     problems = [f"contradiction: {one}" for one in found.contradictions]
     problems += [f"missing: {one}" for one in found.questions]
     heading = f"{name}, made by ./omni new-vehicle --from. Values without a comment are given."

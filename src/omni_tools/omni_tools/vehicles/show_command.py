@@ -100,7 +100,11 @@ def _kind_of(options: Options) -> str:
 
     if options.kind in items.KINDS:
         return options.kind
-    kinds = possible_kinds(read_mapping(Path(options.name), "NAME"))
+    values = read_mapping(Path(options.name), "NAME")
+    kinds = possible_kinds(values)
+    if "wheels" in values and "experiments" in kinds:
+        problem = f"{options.name} describes nodes of a real vehicle, for ./omni ros-params"
+        raise configuration.ConfigurationError("NAME", f"{problem}; give the file of the vehicle")
     if len(kinds) != 1:
         found = (
             f"its keys belong to {' and '.join(kinds)}" if kinds else "none of its keys is known"

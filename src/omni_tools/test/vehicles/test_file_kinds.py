@@ -7,7 +7,10 @@ from typing import Any
 
 import pytest
 
+from omni_core.configuration import ConfigurationError
+from omni_runs.workspace import ExperimentWorkspace
 from omni_runs.yaml_files import read_mapping
+from omni_tools.vehicles import show_command
 from omni_tools.vehicles.file_kinds import possible_kinds
 
 CONFIG = Path(__file__).resolve().parents[4] / "config"
@@ -33,3 +36,10 @@ def test_every_file_has_the_kind_of_its_folder(kind: str) -> None:
 )
 def test_a_misspelled_key_does_not_hide_the_kind(tree: dict[str, Any], kinds: list[str]) -> None:
     assert possible_kinds(tree) == kinds
+
+
+@pytest.mark.parametrize("name", ["mecanum_agv", "wheel_twist_agv"])
+def test_a_file_of_the_nodes_of_a_vehicle_is_not_shown(name: str) -> None:
+    file = CONFIG / "hardware" / f"{name}.yaml"
+    with pytest.raises(ConfigurationError, match="nodes of a real vehicle, for"):
+        show_command.run(show_command.Options(name=str(file)), ExperimentWorkspace(CONFIG.parent))
