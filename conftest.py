@@ -5,8 +5,6 @@ Tests of the safety case have the mark ``safety(hazard, fault, caught_by, within
 --store-hazard-times`` measures the times of this table.
 """
 
-from __future__ import annotations
-
 import functools
 import json
 import math

@@ -1,7 +1,5 @@
 """Looks at the cores in an environment into which pip has installed them and nothing else."""
 
-from __future__ import annotations
-
 import importlib
 import pkgutil
 import sys

@@ -1,7 +1,5 @@
 """Simulates stops with compiled kernels, where pip has installed the cores and nothing else."""
 
-from __future__ import annotations
-
 import math
 
 import numba

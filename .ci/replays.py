@@ -4,8 +4,6 @@ Every setting runs in a process of its own and compiles odometry and assistant i
 own. The results must agree with the recording within the tolerances of their signals.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 import os

@@ -14,7 +14,6 @@ import os
 import random
 import shutil
 import signal
-import subprocess
 import sys
 import tempfile
 import time
@@ -25,14 +24,7 @@ from omni_runs.metrics import run_metrics
 from omni_runs.recorded_run import read_run
 
 sys.path.append(str(Path(__file__).resolve().parents[1] / "tests"))
-from omni_process import (
-    RUN_TIMEOUT,
-    omni_command,
-    omni_environment,
-    processes_of,
-    recorded_bytes,
-    wait_until,
-)
+from omni_process import disturbed, omni_here, processes_of, recorded_bytes
 
 EXPERIMENT = "small_stop"
 NODES = {
@@ -80,39 +72,28 @@ def trial(
     Returns:
         Outcome of the run; None if the run had ended before the disturbance.
     """
-    process = started(folder, *(["--real-time"] if real_time else []), stderr=subprocess.PIPE)
-    try:
-        found = None
-        wait_until(lambda: recorded_bytes(folder) > share * size or process.poll() is not None)
-        if process.poll() is None:
-            found = processes_of(NODES[node], process.pid)
-            for pid in found:
-                disturb(pid, action)
-        _, complaint = process.communicate(timeout=RUN_TIMEOUT)
-    finally:
-        process.kill()
-        process.wait()
-    if not found:
+    found: list[int] = []
+
+    def act() -> None:
+        found.extend(processes_of(NODES[node], os.getpid()))
+        for pid in found:
+            disturb(pid, action)
+
+    words = command(folder, *(["--real-time"] if real_time else []))
+    done = disturbed(words, folder, share * size, act)
+    if done is None or not found:
         return None
-    distance, rotation = stop_of(folder / "assisted")
-    return Outcome(process.returncode, complaint.strip(), distance, rotation)
+    return Outcome(done.returncode, done.stderr.strip(), *stop_of(folder / "assisted"))
 
 
-def started(folder: Path, *words: str, stderr: int | None = None) -> subprocess.Popen[str]:
-    """Start a run of `EXPERIMENT` that records into a folder; `words` are further options."""
-    given = ("--variant", "assisted", "--json", "--out", str(folder), *words)
-    return subprocess.Popen(
-        omni_command(["run", EXPERIMENT, *given]),
-        env=omni_environment(),
-        stdout=subprocess.DEVNULL,
-        stderr=stderr,
-        text=True,
-    )
+def command(folder: Path, *words: str) -> list[str]:
+    """Return a command that runs `EXPERIMENT` into a folder; `words` are further options."""
+    return ["run", EXPERIMENT, "--variant", "assisted", "--json", "--out", str(folder), *words]
 
 
 def undisturbed(folder: Path, *words: str) -> tuple[float, float]:
     """Run `EXPERIMENT` to its end; return distance [m] and rotation [deg] of its stop."""
-    if started(folder, *words).wait() != 0:
+    if omni_here(command(folder, *words)).returncode != 0:
         raise RuntimeError(f"the undisturbed run {folder} failed")
     return stop_of(folder / "assisted")
 

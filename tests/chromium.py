@@ -140,15 +140,20 @@ class Chromium:
         return message
 
 
+def browser_program() -> str:
+    """Return the program of a browser; without one skip the test, unless a browser is required."""
+    for program in filter(None, map(shutil.which, _NAMES)):
+        return program
+    problem = f"there is no {_NAMES[0]}, which shows the page (Debian's package {_NAMES[0]})"
+    if os.environ.get(_REQUIRED) == "required":
+        pytest.fail(problem)
+    pytest.skip(problem)
+
+
 @contextlib.contextmanager
 def chromium() -> Iterator[Chromium]:
     """Start a browser; without one the test is skipped, unless a browser is required."""
-    program = next(filter(None, map(shutil.which, _NAMES)), None)
-    if program is None:
-        problem = f"there is no {_NAMES[0]}, which shows the page (Debian's package {_NAMES[0]})"
-        if os.environ.get(_REQUIRED) == "required":
-            pytest.fail(problem)
-        pytest.skip(problem)
+    program = browser_program()
     to_browser, from_browser = os.pipe(), os.pipe()
     with tempfile.TemporaryDirectory(prefix="omni-", ignore_cleanup_errors=True) as profile:
         command = [

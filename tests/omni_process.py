@@ -9,6 +9,7 @@ import signal
 import subprocess
 import sys
 import tempfile
+import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import redirect_stderr, redirect_stdout
@@ -71,6 +72,38 @@ def omni_here(arguments: Sequence[str]) -> subprocess.CompletedProcess[str]:
         out.seek(0)
         errors.seek(0)
         return subprocess.CompletedProcess(arguments, code, out.read(), errors.read())
+
+
+def disturbed(
+    arguments: Sequence[str], folder: Path, size: float, disturb: Callable[[], None]
+) -> subprocess.CompletedProcess[str] | None:
+    """Run a command in this process, which `disturb` disturbs once the recorders have written.
+
+    Args:
+        arguments: words of the command.
+        folder: folder of its results.
+        size: number of bytes after which it is disturbed.
+        disturb: function that disturbs the nodes, which this process has started.
+
+    Returns:
+        The finished command; None if it had ended before the disturbance.
+    """
+    ended, reached = threading.Event(), threading.Event()
+
+    def wait() -> None:
+        wait_until(lambda: recorded_bytes(folder) > size or ended.is_set())
+        if not ended.is_set():
+            reached.set()
+            disturb()
+
+    thread = threading.Thread(target=wait)
+    thread.start()
+    try:
+        finished = omni_here(arguments)
+    finally:
+        ended.set()
+        thread.join()
+    return finished if reached.is_set() else None
 
 
 @contextlib.contextmanager

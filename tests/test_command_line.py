@@ -15,6 +15,7 @@ import pytest
 from omni_process import (
     RUN_TIMEOUT,
     WORKSPACE,
+    disturbed,
     node_processes,
     omni_command,
     omni_environment,
@@ -250,13 +251,17 @@ def test_a_full_disk_ends_the_run_and_leaves_a_readable_bag(tmp_path: Path) -> N
 
 def test_a_node_that_dies_ends_the_run_by_name(tmp_path: Path) -> None:
     folder = tmp_path / "out"
-    with run_process(folder, *LATE, "--variant=assisted") as process:
-        wait_until(lambda: recorded_bytes(folder) > 1_000_000)
-        for pid in processes_of("omni_brake_assist", process.pid):
+
+    def kill_the_assistant() -> None:
+        for pid in processes_of("omni_brake_assist", os.getpid()):
             os.kill(pid, signal.SIGKILL)
-        _, words = process.communicate(timeout=RUN_TIMEOUT)
-    assert process.returncode == 1
-    assert "brake_assist ended (signal 9)" in words
-    wait_until(lambda: not node_processes(process.pid))
+
+    words = ["run", *LATE, "--variant=assisted", "--out", str(folder)]
+    ended = disturbed(words, folder, 1_000_000, kill_the_assistant)
+    assert ended is not None
+    assert ended.returncode == 1
+    assert "brake_assist ended (signal 9)" in ended.stderr
+    nodes = ("omni_sim", "omni_recording", "omni_brake_assist", "linescan_odometry")
+    assert [processes_of(package, os.getpid()) for package in nodes] == [[], [], [], []]
     with AnyReader([folder / "assisted"]) as reader:
         assert reader.topics["/clock"].msgcount > 0

@@ -12,12 +12,18 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from chromium import Chromium, chromium
-from omni_process import drive_process, omni
+from chromium import Chromium, browser_program, chromium
+from omni_process import drive_process, omni_here
 
 PATIENCE = 60.0  # [s] only ends a test that hangs
 # Without pictures, so that a busy machine keeps up with the wall clock.
 CARDS = "document.querySelectorAll('#stops li').length"
+
+
+@pytest.fixture(autouse=True)
+def _skipped_without_a_browser() -> None:
+    """Look for a browser before a drive is started."""
+    browser_program()
 
 
 def hold(browser: Chromium, code: str, *, down: bool) -> None:
@@ -80,7 +86,7 @@ def test_a_drive_with_keys_shows_its_stops_and_so_does_its_report(tmp_path: Path
         assert browser.complaints == []
     assert f"Stop {len(cards)}: unassisted" in cards[-1]
 
-    finished = omni(["compare", str(recording), "--json"])
+    finished = omni_here(["compare", str(recording), "--json"])
     assert finished.returncode == 0, finished.stderr
     metrics = json.loads(finished.stdout)["metrics"]
     assert metrics["stops.drive"]["value"] == len(cards)
@@ -94,7 +100,7 @@ def test_a_drive_with_keys_shows_its_stops_and_so_does_its_report(tmp_path: Path
         assert distance == pytest.approx(measured, abs=0.02)
     assert metrics[f"assisting_share.drive/stop_{len(cards)}"]["value"] == 0.0
     page = tmp_path / "report.html"
-    finished = omni(["report", str(recording), "--out", str(page)])
+    finished = omni_here(["report", str(recording), "--out", str(page)])
     assert finished.returncode == 0, finished.stderr
     text = page.read_text()
     assert "drive/stop_2" in text

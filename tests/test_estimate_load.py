@@ -64,7 +64,7 @@ class Rolling(Bystander):
 
 def test_a_live_drive_warns_before_the_load_swerves(tmp_path: Path) -> None:
     words = ["estimate-load", "live", "--vehicle", "mecanum_forklift", "--namespace", "robot1"]
-    words += ["--duration", "20", "--speed", "10", "--out", str(tmp_path / "v.yaml"), "--json"]
+    words += ["--duration", "10", "--speed", "10", "--out", str(tmp_path / "v.yaml"), "--json"]
     with reserved_domain() as domain, closing(Rolling(domain)) as vehicle:
         process = subprocess.Popen(
             omni_command(words),

@@ -7,16 +7,7 @@ import os
 import signal
 from pathlib import Path
 
-from omni_process import (
-    RUN_TIMEOUT,
-    node_processes,
-    omni,
-    omni_here,
-    processes_of,
-    recorded_bytes,
-    run_process,
-    wait_until,
-)
+from omni_process import disturbed, omni, omni_here, processes_of
 
 from omni_runs.recorded_run import read_run
 
@@ -41,16 +32,18 @@ def test_a_replay_gives_what_the_nodes_gave(tmp_path: Path) -> None:
 def test_a_killed_recording_is_recovered_replayed_and_reported(tmp_path: Path) -> None:
     folder = tmp_path / "out"
     bag = folder / "assisted"
-    with run_process(folder, "--variant", "assisted") as process:
-        wait_until(lambda: recorded_bytes(folder) > 4_000_000)
-        (recorder,) = processes_of("omni_recording", process.pid)
+
+    def kill_the_recorder() -> None:
+        (recorder,) = processes_of("omni_recording", os.getpid())
         os.kill(recorder, signal.SIGKILL)
-        _, words = process.communicate(timeout=RUN_TIMEOUT)
-    assert process.returncode == 1
-    assert "recorder ended (signal 9)" in words
-    assert f"what was recorded is in {folder}" in words
-    assert ".mcap is incomplete" in words
-    wait_until(lambda: not node_processes(process.pid))
+
+    run = ["run", "--variant", "assisted", "--out", str(folder)]
+    ended = disturbed(run, folder, 4_000_000, kill_the_recorder)
+    assert ended is not None
+    assert ended.returncode == 1
+    assert "recorder ended (signal 9)" in ended.stderr
+    assert f"what was recorded is in {folder}" in ended.stderr
+    assert ".mcap is incomplete" in ended.stderr
     recovered = omni_here(["bag", "recover", str(bag), "--json"])
     assert recovered.returncode == 0, recovered.stderr
     metrics = json.loads(recovered.stdout)["metrics"]

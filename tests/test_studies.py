@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 import yaml
-from omni_process import omni, omni_here
+from omni_process import omni_here
 
 from omni_runs.compiled import run_fast_loop
 from omni_runs.experiment import ExperimentConfiguration, ExperimentLibrary
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 
 def test_table_2_is_within_its_tolerances_on_the_command_line(tmp_path: Path) -> None:
-    finished = omni(["study", "table2", "--json", "--out", str(tmp_path)])
+    finished = omni_here(["study", "table2", "--json", "--out", str(tmp_path)])
     assert finished.returncode == 0, finished.stderr
     document = json.loads(finished.stdout)
     assert document == json.loads((tmp_path / "summary.json").read_text())

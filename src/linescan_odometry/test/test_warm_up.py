@@ -28,34 +28,36 @@ def load(cache, *arguments):
     return kept(cache, *arguments)
 KernelCache.load_overload = load
 
-lines = np.load(sys.argv[1])
 placement = {"front": (0.6, 0.0, 90.0), "left": (0.0, 0.6, 180.0), "right": (0.0, -0.6, 0.0)}
 sensors = {
     name: LineSensor(x=x, y=y, heading_deg=h, pixels=256, length=0.0128, line_rate=2500.0)
     for name, (x, y, h) in placement.items()
 }
-odometry = LineScanOdometry(OdometryConfiguration(sensors=sensors, method=sys.argv[2]))
-odometry.warm_up()
+configuration = OdometryConfiguration(sensors=sensors, method=sys.argv[1])
+LineScanOdometry(configuration).warm_up()
 assert found
 found.clear()
-for newest in range(25, len(lines) + 1, 25):
-    batch = LineBatch(newest * 400_000, lines[newest - 25 : newest])
-    odometry.update(dict.fromkeys(sensors, batch))
+for file in sys.argv[2:]:
+    odometry, lines = LineScanOdometry(configuration), np.load(file)
+    for newest in range(25, len(lines) + 1, 25):
+        batch = LineBatch(newest * 400_000, lines[newest - 25 : newest])
+        odometry.update(dict.fromkeys(sensors, batch))
 print(*sorted(found))
 """
 
 
 @pytest.mark.parametrize("method", METHODS)
-@pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
 def test_no_kernel_is_loaded_after_warming_up(
-    expose: Callable[..., Any], tmp_path: Path, dtype: Any, method: str
+    expose: Callable[..., Any], tmp_path: Path, method: str
 ) -> None:
     moving = 7.3 * np.arange(75)
     stopping = moving[-1] + np.cumsum(np.linspace(7.3, 0.0, 75))
     at_rest = np.full(50, stopping[-1])
     positions = np.concatenate([moving, stopping, at_rest])
-    np.save(tmp_path / "lines.npy", expose(positions, 256, noise=2.0, dtype=dtype))
-    arguments = [sys.executable, "-c", _PROGRAM, str(tmp_path / "lines.npy"), method]
+    files = [tmp_path / "8_bit.npy", tmp_path / "16_bit.npy"]
+    for file, dtype in zip(files, (np.uint8, np.uint16), strict=True):
+        np.save(file, expose(positions, 256, noise=2.0, dtype=dtype))
+    arguments = [sys.executable, "-c", _PROGRAM, method, *map(str, files)]
     done = subprocess.run(arguments, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     assert done.stdout.split() == []

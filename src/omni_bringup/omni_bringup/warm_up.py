@@ -6,7 +6,6 @@ compiles the kernels of ``omni run``. Processes share the compiled kernels
 campaigns, 16-bit lines and external control laws, which otherwise are compiled at their first use.
 """
 
-import dataclasses
 import sys
 
 import numpy as np
@@ -37,10 +36,9 @@ def compile_for_run(configuration: experiment.ExperimentConfiguration) -> None:
 
 def compile_others(configuration: experiment.ExperimentConfiguration) -> None:
     """Compile the kernels for campaigns, 16-bit lines, and external control laws."""
-    compiled.run_fast_loop(dataclasses.replace(configuration, feedback="velocity_sensor"))
-    deep = dataclasses.replace(configuration.camera, bit_depth=16)
-    loop.run_closed_loop(dataclasses.replace(configuration, camera=deep))
-    BrakeAssist(dataclasses.replace(configuration.brake_assist, law=_OWN_LAW))
+    compiled.run_fast_loop(experiment.changed(configuration, feedback="velocity_sensor"))
+    loop.run_closed_loop(experiment.changed(configuration, camera={"bit_depth": 16}))
+    BrakeAssist(experiment.changed(configuration.brake_assist, law=_OWN_LAW))
 
 
 def standard_run() -> experiment.ExperimentConfiguration:

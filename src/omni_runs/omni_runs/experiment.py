@@ -19,7 +19,7 @@ from omni_core.configuration import Configuration, ConfigurationError, did_you_m
 from omni_core.sensors import LineSensor
 from omni_runs import yaml_files
 from omni_runs.demands import read_demands
-from omni_runs.experiment_configuration import ExperimentConfiguration
+from omni_runs.experiment_configuration import ExperimentConfiguration, changed
 from omni_sim.configuration import SimulationConfiguration
 from omni_sim.tire.interface.configuration import TireConfiguration
 from omni_sim.vehicle.configuration import VehicleConfiguration
@@ -29,6 +29,7 @@ __all__ = [
     "WITHOUT_CAMERAS",
     "ExperimentConfiguration",
     "ExperimentLibrary",
+    "changed",
     "recorded_experiment",
     "short_name",
 ]

@@ -1,6 +1,8 @@
 """Configuration of the whole loop: vehicle, sensors, odometry and assistant of one run."""
 
+import dataclasses
 from collections.abc import Iterable
+from typing import Any
 
 from linescan_odometry.configuration import OdometryConfiguration
 from linescan_odometry.own_odometry import ODOMETRY_GROUP, own_odometry
@@ -8,12 +10,26 @@ from linescan_odometry.twist.least_squares import check_placement
 from omni_brake_assist.configuration import LAWS, BrakeAssistConfiguration
 from omni_brake_assist.laws.own_law import own_law
 from omni_core import geometry, plugins
-from omni_core.configuration import ConfigurationError, parameter
+from omni_core.configuration import C, Configuration, ConfigurationError, parameter
 from omni_sim.configuration import SimulatorConfiguration
 from omni_sim.mujoco_import import load_mujoco
 
 FEEDBACKS = ("optical", "velocity_sensor")
 """Built-in sources of the twist for the brake assistant."""
+
+
+def changed(one: C, **values: Any) -> C:
+    """Return a copy of a configuration with other values.
+
+    Args:
+        one: the configuration.
+        **values: new values; those of a nested configuration may be a dict of its new values.
+    """
+    for name, value in values.items():
+        own = getattr(one, name)
+        if isinstance(own, Configuration) and isinstance(value, dict):
+            values[name] = changed(own, **value)
+    return dataclasses.replace(one, **values)
 
 
 class ExperimentConfiguration(SimulatorConfiguration):

@@ -42,7 +42,7 @@ def _kept(work: Callable[[], object], times: int) -> int:
 def test_stops_keep_no_memory(law: str, brakes: str) -> None:
     changes = (*SENSOR, f"brake_assist.law={law}", f"vehicle.brake.kind={brakes}")
     configuration = LIBRARY.load("small_stop", "assisted", changes)
-    assert _kept(lambda: run_fast_loop(configuration), 250) <= 0  # 500 of every law
+    assert _kept(lambda: run_fast_loop(configuration), 25) <= 0  # 50 of every law
 
 
 def test_steps_of_simulator_and_odometry_keep_no_memory() -> None:

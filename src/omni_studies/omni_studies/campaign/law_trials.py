@@ -17,7 +17,7 @@ from omni_brake_assist.configuration import AllocationConfiguration
 from omni_core.brakes import ON_OFF, PROPORTIONAL
 from omni_core.quantities import FloatArray
 from omni_runs.compiled import run_fast_loop
-from omni_runs.experiment import ExperimentConfiguration, ExperimentLibrary
+from omni_runs.experiment import ExperimentConfiguration, ExperimentLibrary, changed
 from omni_runs.metrics import Metric
 from omni_studies.campaign.random_braking import ALLOWED, RandomBraking, draw, without
 
@@ -103,17 +103,15 @@ class LawTrials:
         nominal = lagging if lag == "nominal" else brake
         assist = base.brake_assist
         field, _, value = change.partition("=")
-        parameters = {field: float(value)} if change else {}
-        assist = dataclasses.replace(
-            assist,
-            allocation=dataclasses.replace(assist.allocation, **parameters),
-            law=law or assist.law,
-            brake=dataclasses.replace(nominal, max_torque=brake.max_torque * torque),
-            nominal_mass=assist.nominal_mass * mass,
-            wheel_inertia=assist.wheel_inertia * inertia,
-        )
-        vehicle = dataclasses.replace(base.vehicle, brake=brake if lag == "none" else lagging)
-        return dataclasses.replace(base, vehicle=vehicle, brake_assist=assist)
+        assumed = {
+            "allocation": {field: float(value)} if change else {},
+            "law": law or assist.law,
+            "brake": dataclasses.replace(nominal, max_torque=brake.max_torque * torque),
+            "nominal_mass": assist.nominal_mass * mass,
+            "wheel_inertia": assist.wheel_inertia * inertia,
+        }
+        true = {"brake": brake if lag == "none" else lagging}
+        return changed(base, vehicle=true, brake_assist=assumed)
 
 
 def ablations() -> dict[str, str]:

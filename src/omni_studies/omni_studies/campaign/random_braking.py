@@ -10,7 +10,6 @@ If a run violates a limit, its disturbances are removed one after the other, and
 after each removal. The disturbance whose removal ends the violation is reported as the cause.
 """
 
-import dataclasses
 import math
 from collections.abc import Sequence
 from typing import Any, NamedTuple
@@ -23,7 +22,6 @@ from omni_runs import compiled, experiment
 from omni_runs.history import FastRun
 from omni_sim.driver.configuration import ManeuverConfiguration
 from omni_sim.ground.configuration import FrictionPatch
-from omni_sim.masses import MassConfiguration
 from omni_sim.sensor_configuration import FAILURES, VelocitySensorConfiguration
 from omni_tools.campaign.runner import digest
 
@@ -81,20 +79,18 @@ class RandomBraking:
 
     def configurations(self, drawn: Tree) -> dict[str, experiment.ExperimentConfiguration]:
         """Return the configurations without and with the assistant, keyed by variant."""
-        base, ground = self._bases[drawn["vehicle"]], drawn["ground"]
-        patches = {name: FrictionPatch(**patch) for name, patch in ground["patches"].items()}
-        friction = ground["friction"]
-        common = dataclasses.replace(
-            base,
+        patches = drawn["ground"]["patches"].items()
+        patched = {"patches": {name: FrictionPatch(**patch) for name, patch in patches}}
+        common = experiment.changed(
+            self._bases[drawn["vehicle"]],
             seed=drawn["seed"],
-            vehicle=dataclasses.replace(base.vehicle, load=MassConfiguration(**drawn["load"])),
-            ground=dataclasses.replace(base.ground, friction=friction, patches=patches),
+            vehicle={"load": drawn["load"]},
+            ground=drawn["ground"] | patched,
             maneuver=ManeuverConfiguration(**drawn["maneuver"]),
             velocity_sensor=VelocitySensorConfiguration(**drawn["velocity_sensor"]),
         )
-        assist = dataclasses.replace(base.brake_assist, **drawn["brake_assist"])
         return {
-            variant: dataclasses.replace(common, brake_assist=dataclasses.replace(assist, **switch))
+            variant: experiment.changed(common, brake_assist=drawn["brake_assist"] | switch)
             for variant, switch in _SWITCHES.items()
         }
 

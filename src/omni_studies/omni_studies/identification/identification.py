@@ -22,7 +22,7 @@ from omni_core import kinematics, quantities
 from omni_core.configuration import ConfigurationError
 from omni_core.quantities import GRAVITY
 from omni_runs.compiled import run_fast_loop
-from omni_runs.experiment import ExperimentConfiguration
+from omni_runs.experiment import ExperimentConfiguration, changed
 from omni_sim.ground.configuration import FrictionPatch
 from omni_sim.masses import MassConfiguration
 from omni_sim.vehicle.configuration import VehicleConfiguration
@@ -112,37 +112,36 @@ def configure(base: ExperimentConfiguration, parameters: Parameters) -> Experime
     for name, mount in base.vehicle.wheels.items():
         x = math.copysign(p["wheelbase"] / 2.0, mount.x)
         y = math.copysign(p["track"] / 2.0, mount.y)
-        wheels[name] = dataclasses.replace(mount, x=x, y=y)
+        wheels[name] = changed(mount, x=x, y=y)
     height = p["height"]
     body = MassConfiguration(mass=p["body_mass"], height=height, yaw_inertia=p["body_inertia"])
     load = MassConfiguration(mass=p["load_mass"], x=p["load_x"], y=p["load_y"], height=height)
-    vehicle = dataclasses.replace(
+    vehicle = changed(
         base.vehicle,
         wheels=wheels,
         chassis_length=round(p["wheelbase"] + 0.4, 2),  # plus the wheel diameter
         chassis_width=round(p["track"] + 0.2, 2),
         body=body,
         load=load,
-        brake=dataclasses.replace(base.vehicle.brake, max_torque=p["brake_torque"]),
+        brake={"max_torque": p["brake_torque"]},
     )
     sizes: dict[str, Any] = {name: p[f"patch_{name}"] for name in _PATCH}
     patch = FrictionPatch(heading_deg=90.0, **sizes)
     before = base.maneuver.brake_time
     direction = round(p["direction"] + p["yaw_rate"] * before, 4)
-    maneuver = dataclasses.replace(
-        base.maneuver,
-        y=round(-p["speed"] * before, 4),
-        heading_deg=round(90.0 - direction, 4),
-        direction_deg=direction,
-        speed=p["speed"],
-        yaw_rate_deg=p["yaw_rate"],
-    )
-    return dataclasses.replace(
+    maneuver = {
+        "y": round(-p["speed"] * before, 4),
+        "heading_deg": round(90.0 - direction, 4),
+        "direction_deg": direction,
+        "speed": p["speed"],
+        "yaw_rate_deg": p["yaw_rate"],
+    }
+    return changed(
         base,
         vehicle=vehicle,
-        ground=dataclasses.replace(base.ground, friction=p["friction"], patches={"ice": patch}),
+        ground={"friction": p["friction"], "patches": {"ice": patch}},
         maneuver=maneuver,
-        brake_assist=dataclasses.replace(base.brake_assist, wheels=wheels, brake=vehicle.brake),
+        brake_assist={"wheels": wheels, "brake": vehicle.brake},
     )
 
 

@@ -25,7 +25,7 @@ from omni_core.configuration import ConfigurationError, parameter
 from omni_core.kinematics import PlatformKinematics
 from omni_core.sensors import LineSensor
 from omni_runs.compiled import run_fast_loop
-from omni_runs.experiment import ExperimentConfiguration, ExperimentLibrary, short_name
+from omni_runs.experiment import ExperimentConfiguration, ExperimentLibrary, changed, short_name
 from omni_runs.figures import style
 from omni_runs.ground_choice import prepare_grounds
 from omni_runs.loop import run_closed_loop
@@ -166,10 +166,8 @@ class Cases:
         else:
             configuration = _drawn(self.bases[vehicle], stop, self.options.speed)
         assisted = law != _UNASSISTED
-        brake_assist = dataclasses.replace(
-            configuration.brake_assist, enabled=assisted, law=law if assisted else _LAWS[0]
-        )
-        configuration = dataclasses.replace(configuration, brake_assist=brake_assist)
+        assistant = {"enabled": assisted, "law": law if assisted else _LAWS[0]}
+        configuration = changed(configuration, brake_assist=assistant)
         if source.cameras and (vehicle == _NAMED or stop < self.options.rendered):
             configuration = _rendered(configuration, self.cameras[source.cameras])
             metrics = run_metrics(run_closed_loop(configuration))
@@ -202,19 +200,18 @@ def _drawn(base: ExperimentConfiguration, stop: int, speed: float) -> Experiment
         height=vehicle.body.height,
         yaw_inertia=0.0,
     )
-    maneuver = dataclasses.replace(
-        base.maneuver,
-        speed=random.uniform(0.25, 1.0) * speed,
-        direction_deg=random.uniform(-180.0, 180.0),
-        yaw_rate_deg=random.uniform(-30.0, 30.0) if stop % 2 else 0.0,
-        brake_time=0.3,
-    )
-    return dataclasses.replace(
+    maneuver = {
+        "speed": random.uniform(0.25, 1.0) * speed,
+        "direction_deg": random.uniform(-180.0, 180.0),
+        "yaw_rate_deg": random.uniform(-30.0, 30.0) if stop % 2 else 0.0,
+        "brake_time": 0.3,
+    }
+    return changed(
         base,
         seed=stop,
-        vehicle=dataclasses.replace(vehicle, load=load),
-        brake_assist=dataclasses.replace(base.brake_assist, nominal_mass=mass),
-        ground=dataclasses.replace(base.ground, friction=random.uniform(0.4, 1.0)),
+        vehicle={"load": load},
+        brake_assist={"nominal_mass": mass},
+        ground={"friction": random.uniform(0.4, 1.0)},
         maneuver=maneuver,
     )
 
@@ -230,12 +227,12 @@ def _rendered(
         name: dataclasses.replace(camera, x=along * camera.x, y=across * camera.y)
         for name, camera in cameras.items()
     }
-    return dataclasses.replace(
+    return changed(
         configuration,
         feedback="optical",
         sensors=placed,
-        odometry=dataclasses.replace(configuration.odometry, sensors=placed),
-        simulation=dataclasses.replace(configuration.simulation, render_lines=True),
+        odometry={"sensors": placed},
+        simulation={"render_lines": True},
     )
 
 

@@ -25,7 +25,7 @@ from omni_core.configuration import Configuration, parameter
 from omni_core.geometry import WheelMount, turned
 from omni_core.quantities import FloatArray
 from omni_core.sensors import LineSensor
-from omni_runs.experiment import ExperimentConfiguration
+from omni_runs.experiment import ExperimentConfiguration, changed
 from omni_runs.metrics import Metric
 from omni_sim.simulator import Observation, Simulator
 from omni_studies.study import StudyResult, StudyRun
@@ -107,9 +107,7 @@ def _differential(steered: ExperimentConfiguration) -> ExperimentConfiguration:
         else mount
         for name, mount in steered.vehicle.wheels.items()
     }
-    vehicle = dataclasses.replace(steered.vehicle, wheels=wheels)
-    assistant = dataclasses.replace(steered.brake_assist, wheels=wheels)
-    return dataclasses.replace(steered, vehicle=vehicle, brake_assist=assistant)
+    return changed(steered, vehicle={"wheels": wheels}, brake_assist={"wheels": wheels})
 
 
 def _with_cameras(configuration: ExperimentConfiguration) -> ExperimentConfiguration:
@@ -120,8 +118,8 @@ def _with_cameras(configuration: ExperimentConfiguration) -> ExperimentConfigura
         for name, one in _CAMERAS.items()
         if not one.carrier or wheels[one.carrier].is_steered
     }
-    odometry = dataclasses.replace(configuration.odometry, sensors=sensors, kinematics=_AXLE)
-    return dataclasses.replace(configuration, sensors=sensors, odometry=odometry)
+    odometry = {"sensors": sensors, "kinematics": _AXLE}
+    return changed(configuration, sensors=sensors, odometry=odometry)
 
 
 def _drive(configuration: ExperimentConfiguration) -> Iterator[Batch]:

@@ -26,7 +26,7 @@ from omni_brake_assist.weighting import weighting_function
 from omni_core.configuration import Configuration, parameter
 from omni_core.geometry import PlatformGeometry, cross
 from omni_core.quantities import FloatArray, plain
-from omni_runs.experiment import WITHOUT_CAMERAS
+from omni_runs.experiment import WITHOUT_CAMERAS, changed
 from omni_runs.figures import style
 from omni_runs.figures.scene import Scene, ahead_up
 from omni_runs.loop import run_closed_loop
@@ -99,7 +99,8 @@ class LockedWheels:
 def run(options: Options, study: StudyRun) -> StudyResult:
     """Simulate locked wheels; draw the forces and the manifold."""
     loaded = study.experiments.vehicle(options.vehicle)
-    cases = {"even": _with_load_in_the_middle(loaded), "uneven": loaded}
+    middle = {"x": 0.0, "y": 0.0}
+    cases = {"even": changed(loaded, body=middle, load=middle), "uneven": loaded}
     wheels = {case: locked(vehicle, options.speed) for case, vehicle in cases.items()}
     metrics: dict[str, Metric] = {}
     for case, one in wheels.items():
@@ -179,13 +180,6 @@ def _rotation(study: StudyRun, vehicle: str, variant: str, *changes: str) -> Met
     overrides = (f"vehicle={vehicle}", *WITHOUT_CAMERAS, *changes)
     history = run_closed_loop(study.experiments.load("straight_line", variant, overrides))
     return Metric(math.degrees(abs(float(history.pose[-1, 2] - history.pose[0, 2]))), "deg")
-
-
-def _with_load_in_the_middle(vehicle: VehicleConfiguration) -> VehicleConfiguration:
-    body = dataclasses.replace(vehicle.body, x=0.0, y=0.0)
-    return dataclasses.replace(
-        vehicle, body=body, load=dataclasses.replace(vehicle.load, x=0.0, y=0.0)
-    )
 
 
 def locked(configuration: VehicleConfiguration, speed: float, after: float = 0.15) -> LockedWheels:

@@ -26,7 +26,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from omni_core.configuration import Configuration, parameter
-from omni_runs.experiment import WITHOUT_CAMERAS
+from omni_runs.experiment import WITHOUT_CAMERAS, changed
 from omni_runs.figures import style
 from omni_runs.history import RunHistory
 from omni_runs.loop import run_closed_loop
@@ -412,9 +412,8 @@ def _mismounted(vehicle: VehicleConfiguration, higher: float = 0.001) -> dict[st
             machine.advance(4000, 1.0, np.ones(len(offsets)), np.zeros(3), traced=False)
             loads.append(machine.wheels["load"])
         high = {next(iter(vehicle.wheels)): WheelCondition(mounted=higher)}
-        springs = dataclasses.replace(vehicle.suspension, stiffness=stiffness)
-        sprung = dataclasses.replace(vehicle, suspension=springs)
-        tilted_ones = (dataclasses.replace(sprung, conditions=wheels) for wheels in ({}, high))
+        sprung = changed(vehicle, suspension={"stiffness": stiffness})
+        tilted_ones = (changed(sprung, conditions=wheels) for wheels in ({}, high))
         ours = [Vehicle(one).wheels["load"] for one in tilted_ones]
         for suffix, (level, tilted) in (("", loads), ("_ours", ours)):
             change = float(np.max(np.abs(tilted - level)))

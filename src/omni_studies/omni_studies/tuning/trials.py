@@ -17,7 +17,7 @@ import numpy as np
 
 from omni_core.quantities import FloatArray
 from omni_runs.compiled import run_fast_loop
-from omni_runs.experiment import ExperimentConfiguration
+from omni_runs.experiment import ExperimentConfiguration, changed
 from omni_sim.configuration import GroundConfiguration
 from omni_sim.ground.configuration import FrictionPatch
 from omni_tools.campaign.runner import digest
@@ -121,21 +121,20 @@ def situations(
     result = [base]
     drawn = random.uniform(-1.0, 1.0, (max(count - 1, 0), 4))
     for speed, turn, yaw_rate, grip in (np.array(_LARGEST_DEVIATIONS) * drawn).tolist():
-        maneuver = dataclasses.replace(
-            base.maneuver,
-            speed=base.maneuver.speed * (1.0 + speed),
-            direction_deg=base.maneuver.direction_deg + turn,
-            yaw_rate_deg=base.maneuver.yaw_rate_deg * (1.0 + yaw_rate),
-        )
+        maneuver = {
+            "speed": base.maneuver.speed * (1.0 + speed),
+            "direction_deg": base.maneuver.direction_deg + turn,
+            "yaw_rate_deg": base.maneuver.yaw_rate_deg * (1.0 + yaw_rate),
+        }
         patches = {name: _with_grip(patch, grip) for name, patch in base.ground.patches.items()}
-        ground = dataclasses.replace(_with_grip(base.ground, grip), patches=patches)
-        result.append(dataclasses.replace(base, maneuver=maneuver, ground=ground))
+        ground = changed(_with_grip(base.ground, grip), patches=patches)
+        result.append(changed(base, maneuver=maneuver, ground=ground))
     return tuple(result)
 
 
 def _with_grip(part: Part, grip: float) -> Part:
     """Return a copy of a ground or patch whose friction is multiplied by ``1 + grip``, up to 2."""
-    return dataclasses.replace(part, friction=min(part.friction * (1.0 + grip), 2.0))
+    return changed(part, friction=min(part.friction * (1.0 + grip), 2.0))
 
 
 def configured(
@@ -149,12 +148,8 @@ def configured(
             "k": setting.k,
             "minimum_dwell_time": setting.dwell_time,
         }
-    brake = dataclasses.replace(base.vehicle.brake, **dataclasses.asdict(lag))
-    return dataclasses.replace(
-        base,
-        brake_assist=dataclasses.replace(base.brake_assist, brake=brake, **changes),
-        vehicle=dataclasses.replace(base.vehicle, brake=brake),
-    )
+    brake = changed(base.vehicle.brake, **dataclasses.asdict(lag))
+    return changed(base, brake_assist={"brake": brake, **changes}, vehicle={"brake": brake})
 
 
 class Numbers(NamedTuple):

@@ -1,6 +1,5 @@
 """The same platform on conventional, Mecanum and omni-wheels: a push (Figure 23) and a stop."""
 
-import dataclasses
 import math
 from collections.abc import Mapping
 from typing import NamedTuple
@@ -12,6 +11,7 @@ from matplotlib.patches import Polygon
 
 from omni_core.geometry import WheelMount
 from omni_core.quantities import FloatArray
+from omni_runs.experiment import changed
 from omni_runs.figures import style
 from omni_runs.figures.scene import Scene, ahead_up, placed
 from omni_runs.metrics import Metric
@@ -65,10 +65,8 @@ def on_wheels(vehicle: VehicleConfiguration, kind: str) -> VehicleConfiguration:
         if kind == "conventional":
             wheels[name] = WheelMount(kind=kind, x=mount.x, y=mount.y, radius=mount.radius)
         elif kind == "omni":
-            wheels[name] = dataclasses.replace(
-                mount, heading_deg=mount.roller_angle_deg, roller_angle_deg=0.0
-            )
-    return dataclasses.replace(vehicle, wheels=wheels)
+            wheels[name] = changed(mount, heading_deg=mount.roller_angle_deg, roller_angle_deg=0.0)
+    return changed(vehicle, wheels=wheels)
 
 
 def pushed(vehicle: VehicleConfiguration) -> Trial:
@@ -92,7 +90,7 @@ def _run(vehicle: VehicleConfiguration, trial: WheelTrial, wheel_angle: float = 
 
 def with_load_in_the_middle(vehicle: VehicleConfiguration) -> VehicleConfiguration:
     """Return a vehicle whose load is above base_link."""
-    return dataclasses.replace(vehicle, load=dataclasses.replace(vehicle.load, x=0.0, y=0.0))
+    return changed(vehicle, load={"x": 0.0, "y": 0.0})
 
 
 def metrics(pushes: Mapping[str, Trial], stops: Mapping[str, Trial]) -> dict[str, Metric]:

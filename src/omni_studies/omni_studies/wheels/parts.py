@@ -1,12 +1,12 @@
 """Numbers next to closed forms: rows of rollers (Figure 2), rolling resistance, motor (App. A)."""
 
-import dataclasses
 import math
 
 import numpy as np
 
 from omni_core.geometry import PlatformGeometry, cross
 from omni_core.quantities import GRAVITY, FloatArray
+from omni_runs.experiment import changed
 from omni_runs.metrics import Metric
 from omni_sim.vehicle.configuration import VehicleConfiguration
 from omni_sim.vehicle.placing import rolling_radius
@@ -43,9 +43,8 @@ def metrics(mecanum: VehicleConfiguration, omni: VehicleConfiguration) -> dict[s
 def _with_rollers(
     vehicle: VehicleConfiguration, rows_apart: float = 0.0, small_radius: float = 0.0
 ) -> VehicleConfiguration:
-    vehicle = with_wheels(vehicle, ROLLERS, _ROLLERS)
-    rollers = dataclasses.replace(vehicle.rollers, rows_apart=rows_apart, small_radius=small_radius)
-    return dataclasses.replace(vehicle, rollers=rollers)
+    rows = {"rows_apart": rows_apart, "small_radius": small_radius}
+    return changed(with_wheels(vehicle, ROLLERS, _ROLLERS), rollers=rows)
 
 
 def row_levers(vehicle: VehicleConfiguration) -> FloatArray:
@@ -79,10 +78,9 @@ def _coasting(vehicle: VehicleConfiguration) -> dict[str, Metric]:
     Each roller of a Mecanum wheel rolls at ``sqrt(2) v`` and resists with ``f_2 (sqrt(2) v)^2 F_z``
     along it, so ``dv/dt = -k v^2`` with ``k = 2 sqrt(2) f_2 m g / (m + N I / r^2)``.
     """
-    losses = dataclasses.replace(vehicle.passive_losses, speed_growth=_GROWTH)
     trial = WheelTrial("coast", twist=(0.0, _SIDEWAYS, 0.0), pedal=1.0, released=True)
     middle = with_load_in_the_middle(vehicle)
-    machine = start(dataclasses.replace(middle, passive_losses=losses), trial)
+    machine = start(changed(middle, passive_losses={"speed_growth": _GROWTH}), trial)
     mass, radius = machine.masses.mass, float(np.mean(rolling_radius(machine.state)))
     inertia = mass + len(vehicle.wheels) * vehicle.wheel_inertia / radius**2
     rate = math.sqrt(8.0) * _GROWTH * mass * GRAVITY / inertia
@@ -100,11 +98,11 @@ def _motor(vehicle: VehicleConfiguration) -> dict[str, Metric]:
     Each wheel of the empty vehicle accelerates its share of the mass, ``J = m r^2 / N + I``. The
     back EMF gives ``J w' = T_0 (1 - w / w_0)``, and the current loop ``lag T' = T_0 - T``.
     """
-    empty = dataclasses.replace(vehicle, load=dataclasses.replace(vehicle.load, mass=0.0))
-    voltage = dataclasses.replace(vehicle.drive, stall_torque=_STALL, no_load_speed=_IDLING)
-    current = dataclasses.replace(vehicle.drive, max_torque=_STALL, current_time=_CURRENT_TIME)
-    speed, _ = _driven(dataclasses.replace(empty, drive=voltage), _LONG)
-    _, torque = _driven(dataclasses.replace(empty, drive=current), 5.0 * _CURRENT_TIME)
+    empty = changed(vehicle, load={"mass": 0.0})
+    voltage = {"stall_torque": _STALL, "no_load_speed": _IDLING}
+    current = {"max_torque": _STALL, "current_time": _CURRENT_TIME}
+    speed, _ = _driven(changed(empty, drive=voltage), _LONG)
+    _, torque = _driven(changed(empty, drive=current), 5.0 * _CURRENT_TIME)
     machine = Vehicle(empty)
     radius = float(np.mean(rolling_radius(machine.state)))
     inertia = empty.masses.mass * radius**2 / len(empty.wheels) + empty.wheel_inertia

@@ -11,6 +11,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from omni_core.quantities import GRAVITY, FloatArray
+from omni_runs.experiment import changed
 from omni_sim.vehicle.configuration import VehicleConfiguration
 from omni_sim.vehicle.vehicle import DEFAULT_PHYSICS_STEP, Vehicle
 
@@ -87,11 +88,11 @@ def with_wheels(
         model: `SINGLE`, `CONTACT` or `ROLLERS`.
         rollers: number of rollers of each wheel.
     """
-    return dataclasses.replace(
+    return changed(
         configuration,
         wheel_model="rollers" if model == ROLLERS else "single",
         contact="roller" if model == CONTACT else "ideal",
-        rollers=dataclasses.replace(configuration.rollers, count=rollers),
+        rollers={"count": rollers},
     )
 
 

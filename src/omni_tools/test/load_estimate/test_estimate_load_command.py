@@ -7,12 +7,14 @@ from pathlib import Path
 
 import pytest
 import yaml
-from omni_process import omni
+from omni_process import omni, omni_here
 
 from omni_runs.experiment import ExperimentLibrary
 
 ROOT = Path(__file__).parents[4]
 DRIVE = ["--set", "feedback=velocity_sensor", "--set", "simulation.render_lines=false"]
+# Half the steps show the load as well.
+DRIVE += ["--set", "simulation.control_period=0.02"]
 DRIVE += ["--set", "maneuver.speed=2", "--set", "maneuver.brake_time=5"]
 DRIVE += ["--set", "maneuver.pedal=0.06", "--variant", "unassisted"]
 TWIST = ["--twist", "ground_truth/odom"]
@@ -24,7 +26,7 @@ def drives(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     folder = tmp_path_factory.mktemp("drives")
     for name, mass in (("empty", 0), ("loaded", 250)):
         words = ["run", "straight_line", *DRIVE, "--set", f"vehicle.load.mass={mass}"]
-        done = omni([*words, "--out", str(folder / name)])
+        done = omni_here([*words, "--out", str(folder / name)])
         assert done.returncode == 0, done.stderr
     return {name: folder / name / "unassisted" for name in ("empty", "loaded")}
 

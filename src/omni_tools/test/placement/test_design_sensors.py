@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import json
 import shlex
 from pathlib import Path
@@ -15,6 +16,7 @@ from omni_runs.experiment import ExperimentLibrary
 from omni_runs.loop import run_closed_loop
 from omni_tools.placement import design as sensor_design
 from omni_tools.placement import figure as placement_figure
+from omni_tools.placement.search import search
 from omni_tools.placement.sensor_error import SensorError, SensorTrial
 from omni_tools.vehicles.estimates import Measured, write_vehicle
 
@@ -69,11 +71,12 @@ def test_designed_sensors_measure_in_an_experiment(
 
 @pytest.fixture
 def quick(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Skip the slow parts: use a given error of one camera, and draw an empty figure."""
+    """Skip the slow parts: use a given error, search briefly, and draw an empty figure."""
     speed = np.array([3.0, 0.0])
     rms = np.array([0.002, 0.01])
     given = SensorTrial(SensorError(2e-6, 6e-4), speed, speed[::-1], rms, rms)
     monkeypatch.setattr(sensor_design, "measure_sensor_error", lambda *_: given)
+    monkeypatch.setattr(sensor_design, "search", functools.partial(search, population=5))
     monkeypatch.setattr(placement_figure, "placement_figure", lambda *_: Figure())
 
 
