@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from linescan_odometry.joint.candidates import COMPARED, bands
+from linescan_odometry.joint.candidates import APART, COMPARED, bands
 from linescan_odometry.joint.spectra import SIGNIFICANT
 from linescan_odometry.matching.transforms import transform_size
 from linescan_odometry.measurements import Decay
@@ -22,12 +22,13 @@ from omni_core.kernels import declares, kernel
 from omni_core.quantities import Float32Array, FloatArray
 from omni_core.signals import Lines
 
+UNSHIFTED = 2.0
+"""Shift below which a view seems constant, and a fixed pattern counts as remaining texture [px]."""
+
 _REACH = 0.5  # share of a line; larger shifts of a view are not compared
 _SPREAD = 0.25  # share of a line; limit on the shift between the lines of a group
 _LONGEST = 1.0  # s; limit on the age of a keyframe
 _LEFT = 0.35  # share of the texture; if less remains, the keyframe is replaced
-_UNSHIFTED = 2.0  # px; up to this shift, a fixed pattern counts as texture that remains
-_SHIFTED = 8.0  # px; from this shift on, a fixed pattern is no texture that remains
 _SEARCHED = 3  # px searched on each side of the expected shift, plus _SEARCHED_SHARE of the shift
 _SEARCHED_SHARE = 0.01
 # Limit on a gradient, relative to the mean magnitude: edges of shadows and of dirt exceed it.
@@ -275,7 +276,7 @@ def _compare(new: Group, old: Group, expected: tuple[float, int], step: int) -> 
         step: number of pixels in each of the two sums whose difference is a gradient.
     """
     shift, reach = round(expected[0]), expected[1]
-    shifted, most, number, found = abs(expected[0]) >= _SHIFTED, -math.inf, 0, shift
+    shifted, most, number, found = abs(expected[0]) >= APART, -math.inf, 0, shift
     for s in range(shift - reach, shift + reach + 1):
         product, count = _product(new, 0, old, 0, s)
         if count >= _FEWEST and product > most:
@@ -283,7 +284,7 @@ def _compare(new: Group, old: Group, expected: tuple[float, int], step: int) -> 
     # What even and odd lines have in common without the shift is a fixed pattern, or texture of low
     # frequency. Either way, the kept share is between two bounds.
     pattern = 0.0
-    if abs(expected[0]) > _UNSHIFTED:
+    if abs(expected[0]) > UNSHIFTED:
         pattern = 0.5 * (_product(new, 1, old, 2, 0)[0] + _product(new, 2, old, 1, 0)[0])
     texture = _mean_power(new, old, max(pattern, 0.0))
     whole = _mean_power(new, old, min(pattern, 0.0))

@@ -55,7 +55,6 @@ class Displacement(NamedTuple):
         share: share of the line pairs that were used, 0 to 1.
         slope: standard deviation of the unknown slope of the texture against the direction across
             the axis [1]; motion across the axis falsifies the displacement by it.
-        features: effective number of independent features that move with the displacement.
         remark: description of a defect that leaves the lines usable; empty without a defect.
     """
 
@@ -65,7 +64,6 @@ class Displacement(NamedTuple):
     rest: Lines | Float32Array
     share: float = 1.0
     slope: float = 0.0
-    features: float = 1.0
     remark: str = ""
 
 
@@ -88,7 +86,6 @@ class SensorReading:
             contradicts the motion.
         slope: standard deviation of the unknown slope of the texture against the direction across
             the axis [1]; the odometry adds its effect to the variance.
-        features: effective number of independent features that move with the displacement.
         decays: loss of texture within the batch, and since an earlier batch.
         replaced: whether the view is constant, but was another one shortly before.
         oblique: whether the variance contains the effect of an oblique texture.
@@ -104,7 +101,6 @@ class SensorReading:
     remark: str = ""
     unmatched: bool = False
     slope: float = 0.0
-    features: float = 1.0
     decays: tuple[Decay, ...] = ()
     replaced: bool = False
     oblique: bool = False

@@ -14,6 +14,9 @@ view of an occluded camera must change before the camera is used again [ns]."""
 HARDEST_STOP = 15.0
 """Limit on the deceleration of a vehicle [m/s^2]; a hard stop on a dry road reaches 10."""
 
+CERTAIN = 4.0
+"""Standard deviations by which two velocities of a camera must differ to contradict each other."""
+
 _REMEMBERED_NS = 1_280_000_000  # ns; longer than the largest age of a keyframe
 
 

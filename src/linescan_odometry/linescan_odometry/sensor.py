@@ -274,7 +274,6 @@ class SensorOdometry:
             measured=True,
             remark="; ".join(filter(None, (self._chain.remark, displacement.remark))),
             slope=slope,
-            features=displacement.features,
             decays=decays,
             **constant,
         )

@@ -21,9 +21,7 @@ from linescan_odometry.measurements import Decay, SensorReading
 from linescan_odometry.paths_across import PathsAcross
 from omni_core.sensors import LineSensor
 
-# Limits on the share of a texture that moves on in the view [1]: below the first, features of
-# independent slopes pass; above the second, the texture has one slope, like that of fibers.
-_ORDINARY = 0.25
+# Share of a texture that moves on in the view [1]; above it, the texture has one slope (fibers).
 _OBLIQUE = 0.5
 # m/s, standard deviation; a texture of unknown slope confirms no other camera above it
 _WIDEST = 0.5
@@ -41,13 +39,6 @@ class Textures:
         """
         self._sensors = sensors
         self._paths = paths
-        # Stamps [ns] at which textures were decided to be ordinary or oblique, and the decisions.
-        self._textures: dict[str, tuple[int, str]] = {}
-
-    @property
-    def decided(self) -> frozenset[str]:
-        """Names of the cameras whose textures were decided to be ordinary or oblique."""
-        return frozenset(self._textures)
 
     def sloping(
         self, stamp_ns: int, readings: Mapping[str, SensorReading], across: Mapping[str, float]
@@ -63,13 +54,13 @@ class Textures:
         for name, reading in readings.items():
             if name not in self._sensors or not reading.measured or reading.oblique:
                 continue
-            texture = self._texture(stamp_ns, name, reading, across[name])
-            if texture and texture[1]:
-                slope, reason, oblique = self._steepest(name, reading), texture[1], True
+            reason = self._oblique(stamp_ns, name, reading, across[name])
+            if reason:
+                slope, oblique = self._steepest(name, reading), True
             elif reading.slope > 0.0:
                 reason, oblique, share = "uncertain: the texture may be oblique", False, 1.0
                 if reading.static_time == 0.0:  # a constant view loses no texture
-                    share = self._slope_share(stamp_ns, name, reading, across[name], bool(texture))
+                    share = self._slope_share(stamp_ns, name, reading, across[name])
                 slope = math.sqrt(share) * reading.slope
             else:
                 continue
@@ -78,7 +69,7 @@ class Textures:
                 reading, variance=variance, slope=0.0, oblique=oblique
             )
             if variance > _WIDEST**2 and (oblique or reading.static_time == 0.0):
-                sloping[name] = dataclasses.replace(reading.rejected(reason), decays=reading.decays)
+                sloping[name] = reading.rejected(reason)
         return sloping
 
     def _steepest(self, name: str, reading: SensorReading) -> float:
@@ -98,22 +89,20 @@ class Textures:
         return slope / math.sqrt(1.0 - slope**2) if slope < 1.0 else math.inf
 
     def _slope_share(
-        self, stamp_ns: int, name: str, reading: SensorReading, across: float, ordinary: bool
+        self, stamp_ns: int, name: str, reading: SensorReading, across: float
     ) -> float:
         """Return the factor with which the variance of the slope of a texture counts [1].
 
         It is the mean square of the share of the texture that moves on in the view; the prior
-        deviation of this share is 1. In ordinary texture, the mean of the independent slopes of its
-        features counts at most.
+        deviation of this share is 1.
 
         Args:
             stamp_ns: stamp of the reading [ns].
             name: name of the camera.
             reading: reading of the camera.
             across: velocity across the camera's axis [m/s].
-            ordinary: whether the texture was decided to be ordinary.
         """
-        smallest = 1.0 / max(reading.features, 1.0) if ordinary else 1.0
+        smallest = 1.0
         for decay in reading.decays:
             expected = self._expected(stamp_ns, name, decay, across)
             lost = 1.0 - expected
@@ -124,14 +113,8 @@ class Textures:
                 smallest = min(smallest, share**2 + gain * error)
         return smallest
 
-    def _texture(
-        self, stamp_ns: int, name: str, reading: SensorReading, across: float
-    ) -> tuple[int, str] | None:
-        """Return when it was decided whether a texture is oblique [ns], and the reason.
-
-        The reason is empty for ordinary texture. The result is None without a decision, for
-        instance if a texture changes for another reason than that it leaves the view. A decision
-        holds until the view has moved across by its width.
+    def _oblique(self, stamp_ns: int, name: str, reading: SensorReading, across: float) -> str:
+        """Return why a texture is oblique; empty if it is not.
 
         Args:
             stamp_ns: stamp of the reading [ns].
@@ -139,29 +122,22 @@ class Textures:
             reading: reading of the camera.
             across: velocity across the camera's axis [m/s].
         """
-        found, remains = None, True
+        found, remains = "", True
         for decay in reading.decays:
-            expected = self._expected(stamp_ns, name, decay, across)
-            deviation, lost = math.sqrt(decay.variance), 1.0 - expected
-            error, oblique = SIGNIFICANT * deviation, expected + _OBLIQUE * lost
-            if expected - error < decay.most < expected + _ORDINARY * lost - error:
-                return stamp_ns, ""
+            deviation, expected = (
+                math.sqrt(decay.variance),
+                self._expected(stamp_ns, name, decay, across),
+            )
+            oblique = expected + _OBLIQUE * (1.0 - expected)
             # A periodic ground leaves the view and returns; fibers remain in all comparisons.
             remains = remains and decay.most > oblique - deviation
-            if decay.shifted and decay.least > oblique + error:
+            if decay.shifted and decay.least > oblique + SIGNIFICANT * deviation:
                 path = self._paths.length(name, stamp_ns, decay.age, across)
                 found = (
-                    stamp_ns,
                     f"oblique texture: {100.0 * decay.least:.0f} % in common after "
-                    f"{1e3 * path:.3g} mm across the axis",
+                    f"{1e3 * path:.3g} mm across the axis"
                 )
-        if found and remains:
-            return found
-        if name in self._textures:
-            age = 1e-9 * (stamp_ns - self._textures[name][0])
-            if self._paths.length(name, stamp_ns, age, across) < self._sensors[name].width:
-                return self._textures[name]
-        return None
+        return found if remains else ""
 
     def _expected(self, stamp_ns: int, name: str, decay: Decay, across: float) -> float:
         """Return the share of its texture that an ordinary ground would keep [1].
@@ -176,24 +152,6 @@ class Textures:
         blur = abs(across) * decay.duration / width
         path = self._paths.length(name, stamp_ns, decay.age, across) / width
         return common_ground(path, blur) / common_ground(0.0, blur)
-
-    def decide(
-        self, stamp_ns: int, readings: Mapping[str, SensorReading], across: Mapping[str, float]
-    ) -> None:
-        """Store the decisions whether the textures of compared views are oblique.
-
-        Args:
-            stamp_ns: stamp of the readings [ns].
-            readings: readings of all cameras, keyed by name.
-            across: velocity across the axis of each watched camera [m/s].
-        """
-        for name, reading in readings.items():
-            if name not in self._sensors or not reading.decays:
-                continue
-            texture = self._texture(stamp_ns, name, reading, across[name])
-            self._textures.pop(name, None)
-            if texture:
-                self._textures[name] = texture
 
 
 def common_ground(path: float, blur: float) -> float:

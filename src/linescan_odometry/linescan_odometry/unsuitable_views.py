@@ -13,9 +13,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from linescan_odometry.joint.spectra import SIGNIFICANT
+from linescan_odometry.keyframe import UNSHIFTED
 from linescan_odometry.measurements import SensorReading
-from linescan_odometry.paths_across import GAP_NS, HARDEST_STOP, PathsAcross
+from linescan_odometry.paths_across import CERTAIN, GAP_NS, HARDEST_STOP, PathsAcross
 from linescan_odometry.textures import Textures
 from omni_core.quantities import FloatArray
 from omni_core.sensors import LineSensor, velocity_row
@@ -23,10 +23,6 @@ from omni_core.sensors import LineSensor, velocity_row
 # Share of the width; after this motion across the axis, at most half of the ground texture of a
 # view remains, which no longer counts as static (`sensor.py`).
 _STILL_SHARE = 0.5
-_STILL_PIXELS = 2.0  # px; after this motion along the axis a view must change
-# m/s^2; hardest stop of one camera while others move on: 5 rad/s^2 between cameras 1 m apart
-_HARDEST_TURN = 5.0
-_CERTAIN = 4.0  # standard deviations by which a stop must be too hard
 
 
 class _Motion(NamedTuple):
@@ -44,26 +40,6 @@ class _Motion(NamedTuple):
     interval_ns: int
     twist: FloatArray
     deviations: Mapping[str, float]
-
-
-class _Speed(NamedTuple):
-    """A velocity of one camera, at which its view must have changed.
-
-    Attributes:
-        stamp_ns: stamp of the velocity, a mean over the batch [ns].
-        interval_ns: time since the velocity before [ns], at most `GAP_NS`.
-        along: velocity along the camera's axis [m/s].
-        across: velocity across the axis [m/s]; 0 if it is unknown.
-        deviation: standard deviation of `along`, over a texture of known slope [m/s].
-        own: whether the camera itself measured it; otherwise, it follows from a twist.
-    """
-
-    stamp_ns: int
-    interval_ns: int
-    along: float
-    across: float
-    deviation: float
-    own: bool
 
 
 class UnsuitableViews:
@@ -91,13 +67,11 @@ class UnsuitableViews:
         self._paths = PathsAcross(self._sensors)
         self._textures = Textures(self._sensors, self._paths)
         self._covered: dict[str, str] = {}
-        # Covered cameras whose view may also be that of a vehicle at rest: they stopped while
-        # others moved on, only they saw a motion, or other views did not change either.
+        # Covered cameras whose view may also be that of a vehicle at rest: it was replaced, or
+        # other views did not change either.
         self._alone: set[str] = set()
         self._static_ns: dict[str, int] = {}  # stamps at which views last were constant [ns]
         self._twists: list[_Motion] = []  # those of the last `GAP_NS`, and the last one
-        # Velocities that each camera itself measured in successive batches of the last `GAP_NS`.
-        self._shifts: dict[str, list[_Speed]] = {name: [] for name in self._sensors}
         # Deviations of the present velocities, over textures of known slope [m/s].
         self._own: dict[str, float] = {}
         self._stamp_ns = 0  # of the newest readings
@@ -120,33 +94,25 @@ class UnsuitableViews:
         # An unknown slope of the texture falsifies the velocity, but a view that shifted at this
         # velocity must change all the same.
         self._own = {name: math.sqrt(reading.variance) for name, reading in readings.items()}
-        static = {n: r for n, r in readings.items() if n in self._sensors and _is_static(r)}
+        static = {
+            name: reading
+            for name, reading in readings.items()
+            if name in self._sensors and reading.static_time > 0.0 and not reading.unmatched
+        }
         for name in self._sensors.keys() & readings.keys() - static.keys():
             # Because of noise, a constant view is not recognized in every batch.
             if stamp_ns - self._static_ns.get(name, stamp_ns) > GAP_NS:
                 self._covered.pop(name, None)
         self._static_ns |= dict.fromkeys(static, stamp_ns)
-        sudden, since_ns = "", stamp_ns
         self._alone &= self._covered.keys()
-        for name in static:
-            after, alone, begun_ns = self._stop(stamp_ns, name, readings)
-            reason = f"covered: its view does not change, {after}"
-            if alone:
-                self._alone.add(name)
-                self._covered.setdefault(name, reason)
-            elif after:
-                sudden, since_ns = after, begun_ns
-                self._covered[name] = reason
-            elif readings[name].replaced:
+        for name, reading in static.items():
+            after = self._motion_before(stamp_ns, name, reading)
+            if after:
+                self._covered[name] = f"covered: its view does not change, {after}"
+            elif reading.replaced:
                 self._alone.add(name)
                 reason = "covered: its view was replaced by one that does not change"
                 self._covered.setdefault(name, reason)
-        if sudden:
-            # A vehicle that cannot be at rest turns about one static view at most.
-            also = [n for n, r in static.items() if 1e9 * r.static_time < stamp_ns - since_ns]
-            reason = f"covered: its view does not change, like that of a camera {sudden}"
-            self._covered = dict.fromkeys(also, reason) | self._covered
-        self._shifted(stamp_ns, readings)
         resting = [name for name, reading in static.items() if reading.measured]
         at_rest = 1 < len(resting) == len(self._sensors)
         return {
@@ -157,78 +123,37 @@ class UnsuitableViews:
             and not (at_rest and name in self._alone)
         }
 
-    def _stop(
-        self, stamp_ns: int, name: str, readings: Mapping[str, SensorReading]
-    ) -> tuple[str, bool, int]:
+    def _motion_before(self, stamp_ns: int, name: str, reading: SensorReading) -> str:
         """Return which motion shortly before a constant view excludes that the camera stopped.
 
         Args:
             stamp_ns: stamp of the readings [ns].
             name: name of the camera, whose view does not change.
-            readings: readings of all cameras, keyed by name.
+            reading: reading of the camera.
 
         Returns:
-            Description of the motion, empty if the camera may have stopped; whether it is excluded
-            only because another camera moves on, or by the camera's own velocity; and when the
-            motion began at the latest [ns].
+            Description of the motion; empty if the camera may have stopped.
         """
-        static_time, other = readings[name].static_time, ("", False, stamp_ns)
-        for last in self._speeds(name):
-            stopping = stamp_ns - round(1e9 * static_time) - last.stamp_ns
-            if stopping < 0 or not self._would_show(name, last.along, last.across, static_time):
-                continue
-            # A velocity is a mean over its batch, which a vehicle that brakes reaches in the middle
-            # of the batch. A view without a measurement may only seem constant, and so may the
-            # coarse texture of a single camera that still creeps.
-            begun = 0.5 if readings[name].measured and not last.own else 1.0
-            elapsed = 1e-9 * (stopping + begun * last.interval_ns)
-            speed, uncertain = math.hypot(last.along, last.across), _CERTAIN * last.deviation
-            after = f"{1e3 * elapsed:.3g} ms after it moved at {speed:.3g} m/s"
-            since_ns = last.stamp_ns - last.interval_ns
-            if speed > HARDEST_STOP * elapsed + uncertain:
-                return after, last.own, since_ns
-            if abs(last.along) > _HARDEST_TURN * elapsed + uncertain and self._moving_on(readings):
-                other = after, True, since_ns
-        return other
-
-    def _speeds(self, name: str) -> list[_Speed]:
-        """Return the velocities of a camera in the last `GAP_NS`: from twists, and its own ones."""
-        speeds = []
+        sensor, static_time = self._sensors[name], reading.static_time
         for last in reversed(self._twists):
-            along, across = (float(v) for v in self._rows[name] @ last.twist)
+            along, across = (abs(float(v)) for v in self._rows[name] @ last.twist)
             if last is not self._twists[-1]:
                 across = 0.0  # it may have become too slow to change the view
-            deviation = last.deviations.get(name, 0.0)
-            speeds.append(_Speed(last.stamp_ns, last.interval_ns, along, across, deviation, False))
-        # The first one is not confirmed by another batch.
-        return speeds + self._shifts[name][:0:-1]
-
-    def _shifted(self, stamp_ns: int, readings: Mapping[str, SensorReading]) -> None:
-        """Store the velocities that the cameras measured themselves.
-
-        Args:
-            stamp_ns: stamp of the readings [ns].
-            readings: readings of all cameras, keyed by name.
-        """
-        for name in self._sensors:
-            reading = readings.get(name)
-            recent = [s for s in self._shifts[name] if stamp_ns - s.stamp_ns < GAP_NS]
-            if reading and reading.measured and reading.static_time == 0.0:
-                interval_ns = stamp_ns - recent[-1].stamp_ns if recent else GAP_NS
-                own = _Speed(stamp_ns, interval_ns, reading.velocity, 0.0, self._own[name], True)
-                recent.append(own)
-            self._shifts[name] = recent
-
-    def _moving_on(self, readings: Mapping[str, SensorReading]) -> bool:
-        """Return whether a camera moves along its axis at half the speed of the last twist."""
-        for name, rows in self._rows.items() if self._twists else ():
-            last, reading = float(rows[0] @ self._twists[-1].twist), readings.get(name)
-            if reading is None or not reading.measured or reading.static_time > 0.0:
+            stopping = stamp_ns - round(1e9 * static_time) - last.stamp_ns
+            shows = (
+                across * static_time > _STILL_SHARE * sensor.width
+                or along * static_time > UNSHIFTED * sensor.pixel_pitch
+            )
+            if stopping < 0 or not shows:
                 continue
-            certain = _CERTAIN * math.sqrt(reading.variance)
-            if reading.velocity * last > 0.0 and abs(reading.velocity) - certain > 0.5 * abs(last):
-                return True
-        return False
+            # A velocity is a mean over its batch, which a vehicle that brakes reaches in the middle
+            # of the batch. A view without a measurement may only seem constant.
+            begun = 0.5 if reading.measured else 1.0
+            elapsed = 1e-9 * (stopping + begun * last.interval_ns)
+            speed, deviation = math.hypot(along, across), last.deviations.get(name, 0.0)
+            if speed > HARDEST_STOP * elapsed + CERTAIN * deviation:
+                return f"{1e3 * elapsed:.3g} ms after it moved at {speed:.3g} m/s"
+        return ""
 
     def sloping(
         self, stamp_ns: int, readings: Mapping[str, SensorReading], twist: FloatArray
@@ -263,7 +188,6 @@ class UnsuitableViews:
         """
         found = self._contradicted(stamp_ns, readings, twist)
         if not found:
-            self._textures.decide(stamp_ns, readings, self._across(twist))
             self._remember(stamp_ns, twist)
         return found
 
@@ -272,8 +196,8 @@ class UnsuitableViews:
     ) -> dict[str, SensorReading]:
         """Return the readings that an oblique texture may have falsified, marked as unmeasured.
 
-        If a twist was measured shortly before, only cameras over oblique textures are rejected.
-        Without such a twist, the motion across the axes is unknown. Textures of unknown slope are
+        If twists were measured shortly before, only cameras over oblique textures are rejected.
+        Without such twists, the motion across the axes is unknown. Textures of unknown slope are
         then rejected, and if the lines of some camera change without a match, all readings are.
 
         Args:
@@ -284,15 +208,12 @@ class UnsuitableViews:
             Rejected readings, and those with an increased variance, keyed by camera name.
         """
         found: dict[str, SensorReading] = {}
-        ordinary: frozenset[str] = frozenset()
         stamps = self._paths.stamps
         if stamps and 0 < stamp_ns - stamps[-1] < GAP_NS:
             across = self._across(self._twists[-1].twist)
             found = self._textures.sloping(stamp_ns, readings, across)
-            self._textures.decide(stamp_ns, {**readings, **found}, across)
-            if len(stamps) > 1:
+            if len(stamps) > 1:  # a single twist may be accidental
                 return found
-            ordinary = self._textures.decided
         # A covered camera shows nothing of the ground.
         blind = [
             name
@@ -302,13 +223,10 @@ class UnsuitableViews:
             and not readings[name].measured
         ]
         cause = f"no match for {', '.join(blind)}" if blind else "the texture has few features"
-        # A single twist confirms only textures that are ordinary according to it.
         return found | {
             name: reading.rejected(f"unconfirmed: the texture may be oblique, {cause}")
             for name, reading in readings.items()
-            if reading.measured
-            and (blind or (name in self._sensors and _slopes(reading)))
-            and name not in ordinary
+            if reading.measured and (blind or (name in self._sensors and _slopes(reading)))
         }
 
     def _remember(self, stamp_ns: int, twist: FloatArray) -> None:
@@ -363,29 +281,6 @@ class UnsuitableViews:
         if sum(static_views) > 1 and not all(static_views):
             self._alone |= covered.keys()
         return covered
-
-    def _would_show(self, name: str, along: float, across: float, duration: float) -> bool:
-        """Return whether a motion would have changed the view of a camera.
-
-        Args:
-            name: name of the camera.
-            along: velocity along the camera's axis [m/s].
-            across: velocity across the camera's axis [m/s].
-            duration: duration of the motion [s].
-        """
-        sensor = self._sensors[name]
-        return (
-            abs(across) * duration > _STILL_SHARE * sensor.width
-            or abs(along) * duration > _STILL_PIXELS * sensor.pixel_pitch
-        )
-
-
-def _is_static(reading: SensorReading) -> bool:
-    """Return whether the view of a camera does not change, and its texture does not leave it."""
-    if reading.static_time == 0.0 or reading.unmatched:
-        return False
-    kept = [decay for decay in reading.decays if decay.age <= reading.static_time]
-    return all(decay.most + SIGNIFICANT * math.sqrt(decay.variance) >= 1.0 for decay in kept)
 
 
 def _slopes(reading: SensorReading) -> bool:

@@ -89,21 +89,6 @@ def test_a_view_that_stays_is_not_replaced() -> None:
         assert not any(reading.replaced for reading in readings(levels))
 
 
-@pytest.mark.parametrize(("shifts", "covered"), [((1.0, 1.0), True), ((1.0,), False), ((), False)])
-def test_a_camera_that_measured_a_motion_twice_cannot_stop_at_once(
-    shifts: tuple[float, ...], covered: bool
-) -> None:
-    """Without a twist, the velocities of the camera itself exclude that it stopped."""
-    views = UnsuitableViews({"eye": CAMERA})
-    stamp_ns = 10**9
-    for velocity in shifts:
-        reading = SensorReading(velocity, 1e-6, 1.0, 1.0, True)
-        assert not views.stopped(stamp_ns, {"eye": reading})
-        stamp_ns += 10**7
-    still = SensorReading(0.0, 1e-6, 1.0, 1.0, True, static_time=0.0096)
-    assert bool(views.stopped(stamp_ns, {"eye": still})) == covered
-
-
 @pytest.mark.parametrize("measured", [True, False])
 def test_a_replaced_view_stays_covered_unless_all_others_are_at_rest(measured: bool) -> None:
     """A camera under which something passes measures the rest of the vehicle again."""

@@ -141,25 +141,6 @@ def drive(
     assert not views.unsuitable(stamp_ns, known, twist)
 
 
-@pytest.mark.parametrize("slope", [0.0, 0.3])
-@pytest.mark.parametrize(("kept", "covered"), [(0.08, True), (0.04, False)])
-def test_a_view_is_covered_if_it_alone_stops(slope: float, kept: float, covered: bool) -> None:
-    views, twist = UnsuitableViews(three(CAMERA)), np.array([0.1, 0.0, 0.0])
-    moving = SensorReading(0.1, 1e-6, 1.0, 1.0, True, slope=slope)
-    rest = SensorReading(0.0, 1e-8, 1.0, 1.0, True, static_time=0.005)
-    front = dataclasses.replace(rest, static_time=0.0)
-    for batch in range(2):
-        seen = {"eye": moving, "other": moving, "front": front}
-        drive(views, 10**9 + 10**7 * batch, seen, twist)
-    # It needs 10 m/s^2, and the velocity of the other camera decreases by less than half.
-    later = {"eye": rest, "other": dataclasses.replace(moving, velocity=kept), "front": front}
-    assert set(views.stopped(10**9 + 2 * 10**7, later)) == ({"eye"} if covered else set())
-    # A vehicle at rest is measured, even if one of its cameras seemed to stop too early.
-    assert not views.stopped(10**9 + 3 * 10**7, dict.fromkeys(later, rest))
-    # If it is covered all the same, it is recognized when the vehicle moves again.
-    assert set(views.stopped(10**9 + 4 * 10**7, later)) == ({"eye"} if covered else set())
-
-
 def test_an_uncertain_velocity_does_not_hide_the_certain_one_before() -> None:
     views, twist = UnsuitableViews(three(CAMERA)), np.array([0.5, 0.1, 0.0])
     moving = SensorReading(0.5, 1e-6, 1.0, 1.0, True)
@@ -174,7 +155,7 @@ def test_an_uncertain_velocity_does_not_hide_the_certain_one_before() -> None:
     assert set(views.stopped(10**9 + 3 * 10**7, later)) == {"eye"}
 
 
-def test_a_single_twist_confirms_only_textures_that_it_shows_to_be_ordinary() -> None:
+def test_a_single_twist_confirms_no_texture() -> None:
     views, twist = UnsuitableViews(three(CAMERA)), np.array([1.0, 1.0, 0.0])
     width = CAMERA.width  # half of the ordinary texture leaves the view
     left = Decay(0.5 * width, 1e-4, 0.5, 0.5, 1e-4, True)
@@ -184,7 +165,7 @@ def test_a_single_twist_confirms_only_textures_that_it_shows_to_be_ordinary() ->
     assert not views.unsuitable(10**9, readings, twist)
     blind = dataclasses.replace(SensorReading.unmeasured("ambiguous"), unmatched=True)
     found = views.unconfirmed(10**9 + 10**7, {**readings, "front": blind})
-    assert {n for n, r in found.items() if not r.measured} == {"other"}
+    assert {n for n, r in found.items() if not r.measured} == {"eye", "other"}
     assert not views.unsuitable(10**9 + 2 * 10**7, readings, twist)
     assert not views.unconfirmed(10**9 + 3 * 10**7, {**readings, "front": blind})
 
@@ -200,25 +181,6 @@ def test_a_constant_view_of_a_camera_that_moves_across_is_uncertain(
     still = views.sloping(10**9, {"eye": rest}, np.zeros(3))["eye"]
     assert still.measured
     assert still.variance == pytest.approx(1e-8)
-
-
-@pytest.mark.parametrize(("static_time", "both"), [(0.01, True), (0.04, False)])
-def test_a_vehicle_that_cannot_stop_turns_about_one_static_view_at_most(
-    static_time: float, both: bool
-) -> None:
-    cameras = three(CAMERA)
-    views, twist = UnsuitableViews(cameras), np.array([0.2, 0.4, 0.0])
-    moving = SensorReading(0.2, 0.1**2, 1.0, 1.0, True)  # so uncertain that it could have stopped
-    exact = SensorReading(0.4, 1e-6, 1.0, 1.0, True)
-    for batch in range(2):
-        drive(views, 10**9 + 10**7 * batch, {"eye": moving, "front": exact}, twist)
-    rest = SensorReading(0.0, 1e-6, 1.0, 1.0, True, static_time=0.01)
-    stamp_ns = 10**9 + 2 * 10**7
-    assert not views.stopped(stamp_ns, {"eye": rest})
-    longer = dataclasses.replace(rest, static_time=static_time)  # 40 ms: before the motion
-    found = views.stopped(stamp_ns, {"eye": longer, "front": rest})
-    assert set(found) == ({"eye", "front"} if both else {"front"})
-    assert all(reading.reason.startswith("covered: ") for reading in found.values())
 
 
 @pytest.mark.parametrize(("static_time", "covered"), [(0.02, False), (0.03, True)])
@@ -270,7 +232,7 @@ def test_the_path_across_the_axis_is_the_integral_of_the_velocity() -> None:
     ("kept", "deviation", "share"),
     [
         (0.2, 0.001, 0.0),
-        (0.39, 0.001, 0.05),
+        (0.39, 0.001, 0.0564),
         (0.25, 0.04, 0.0064),
         (0.6, 0.1, 0.26),
         (0.85, 0.1, 0.66),
@@ -283,11 +245,10 @@ def test_a_slope_counts_unless_the_texture_is_ordinary(
     """In 3.2 ms at 5 m/s, ordinary texture keeps 1 - 16 mm / 20 mm = 0.2, and loses 0.8.
 
     With 0.6, half of the texture moves on, which counts as 0.5^2 plus its variance (0.1 / 0.8)^2.
-    Of ordinary texture, the mean slope of its 20 features counts.
     """
     views, twist = UnsuitableViews({"eye": CAMERA}), np.array([0.0, 5.0, 0.0])
     decay = Decay(0.0032, 0.0, kept, kept, deviation**2, True)
-    faint = SensorReading(0.0, 1e-6, 1.0, 1.0, True, slope=0.05, features=20.0, decays=(decay,))
+    faint = SensorReading(0.0, 1e-6, 1.0, 1.0, True, slope=0.05, decays=(decay,))
     reading = views.sloping(10**9, {"eye": faint}, twist)["eye"]
     assert reading.measured
     assert reading.slope == 0.0

@@ -303,30 +303,6 @@ def coherent(rest: Correlation, layout: Layout, displacement: float, which: int)
 
 
 @kernel
-def persistent(rest: Correlation, layout: Layout, displacement: float) -> int:
-    """Return the index of the largest line spacing at which half of the texture is still there.
-
-    The share follows from the cross spectra without their phase, so it hardly depends on the
-    displacement. The largest of all spacings, at which few pairs of lines remain, is left out.
-
-    Args:
-        rest: correlations between the lines.
-        layout: sizes of the batch.
-        displacement: displacement per line, to correct for ground that leaves the lines [px].
-    """
-    energies, distances = np.zeros(SPACINGS), spacings(layout.lines)
-    for which in range(min(farthest(displacement, layout) + 1, SPACINGS - 1)):
-        overlap = 1.0 - abs(distances[which] * displacement) / layout.pixels
-        noise = 1.0 / (layout.lines - distances[which])
-        for f in range(int(COMPARED * layout.size)):
-            value, power = rest.lagged[which, f], rest.power[f]
-            energies[which] += value.real**2 + value.imag**2 - noise * power * power
-        energies[which] /= overlap * overlap
-    enough = np.flatnonzero(energies >= 0.25 * energies[0])
-    return int(enough[-1]) if energies[0] > 0.0 else 0
-
-
-@kernel
 def ratio(rest: Correlation, layout: Layout, gain: Floats, overlap: float, which: int) -> float:
     """Return the log-likelihood ratio of coherent versus incoherent lines [nats].
 

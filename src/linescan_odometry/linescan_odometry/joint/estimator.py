@@ -7,25 +7,23 @@ import numpy as np
 
 from linescan_odometry.joint import candidates, spectra, static
 from linescan_odometry.joint.details import limited
-from linescan_odometry.joint.fit import UNSCALED, Scaling, noise_of
+from linescan_odometry.joint.fit import UNFIT, Scaling, noise_of
 from linescan_odometry.joint.likelihood import window
 from linescan_odometry.joint.maximum import FEWEST, Camera, Solution, View, moving, slow
 from linescan_odometry.joint.shadows import may_be_shadow, only_ground
 from linescan_odometry.matching.transforms import transform_size
 from linescan_odometry.measurements import Displacement, Unmeasured
+from linescan_odometry.paths_across import CERTAIN, HARDEST_STOP
 from linescan_odometry.plausibility import Plausibility
 from omni_core.kernels import kernel
 from omni_core.sensors import LineSensor
 from omni_core.signals import Lines
 
-_ACCELERATION = 15.0  # m/s^2, standard deviation; a hard stop on a dry road reaches 10
-_MEMORY = 0.5  # s; time constant with which older batches lose weight in the pattern
+_WIDEST = 1.0  # m/s; a velocity with a larger standard deviation is of no use to a vehicle
+_MEMORY = 0.5  # s; time constant with which older batches lose weight
 _HEAVE_SETTLING = 0.1  # s; slower changes of the scale, as of the load, look like a drift
-_HEAVE_MEMORY = 0.5  # s; time constant with which earlier scales lose weight
 _LEAST_ERROR = 1e-12  # variance of a change of the scale; keeps ratios finite for equal lines
 _TWO_MOTIONS = 0.25  # px; limit on `Fit.difference`; a larger difference indicates two motions
-_WIDEST = 1.0  # m/s; a velocity with a larger standard deviation is of no use to a vehicle
-_AGREE = 4.0  # standard deviations up to which two successive displacements agree
 _SHIFTED = 3 * candidates.APART  # px within a batch; beyond it, ground and pattern can be separated
 _DARKEST = 0.1  # gray level that is added before the logarithm, relative to the mean gray level
 
@@ -43,7 +41,6 @@ class Estimate(NamedTuple):
             before the fit.
         moves: whether the displacement is a motion and not rest.
         slope: the attribute `slope` of `Solution` [1].
-        features: the attribute `features` of `Solution` [1].
         few: whether the displacement is based on so few features, or on so little evidence, that
             another batch must confirm it.
         scaling: change of the scale of the view.
@@ -57,7 +54,6 @@ class Estimate(NamedTuple):
     coherence: float
     moves: bool
     slope: float
-    features: float
     few: bool
     scaling: Scaling
     pattern: spectra.FixedPattern
@@ -107,7 +103,7 @@ class Heave:
             self.reset()
             return
         duration = lines / self._line_rate
-        kept, settled = math.exp(-duration / _HEAVE_MEMORY), math.exp(-duration / _HEAVE_SETTLING)
+        kept, settled = math.exp(-duration / _MEMORY), math.exp(-duration / _HEAVE_SETTLING)
         change, error = lines * scaling.change, lines**2 * scaling.variance
         self._weight = kept * self._weight + 1.0
         self._changes = kept * self._changes + change**2
@@ -158,7 +154,7 @@ class JointEstimator:
         power = non_uniformity**2 * float((taper**2).sum())
         stated = 1.0 / power if power > 0.0 else math.inf
         weight = candidates.band_pass(self._size, bins)
-        change = _ACCELERATION / (sensor.line_rate**2 * sensor.pixel_pitch)
+        change = HARDEST_STOP / (sensor.line_rate**2 * sensor.pixel_pitch)
         fading = 1.0 / (sensor.line_rate * _MEMORY)
         widest = (_WIDEST / (sensor.line_rate * sensor.pixel_pitch)) ** 2
         self._camera = Camera(taper, weight, stated, change, fading, widest)
@@ -192,7 +188,7 @@ class JointEstimator:
             raise Unmeasured(estimate.reason, unmatched=estimate.moves)
         change = self._camera.change * (len(lines) - 1)
         error = estimate.variance + self.heave.variance * estimate.value**2
-        reach = change + _AGREE * math.sqrt(error + uncertain)
+        reach = change + CERTAIN * math.sqrt(error + uncertain)
         agrees = abs(estimate.value - last) < reach < math.inf
         confirmed = agrees or (math.isnan(last) and not estimate.few)
         if confirmed or estimate.moves:
@@ -220,7 +216,6 @@ class JointEstimator:
             estimate.coherence,
             estimate.rest,
             slope=estimate.slope,
-            features=estimate.features,
             remark=self.heave.remark,
         )
 
@@ -271,7 +266,7 @@ def _estimate(
     view = View(lines, logs, transformed, found, usual, details, remainder, noise_of(logs))
     d, moves, shifts, weak, flaw = _choose(view, camera, layout)
     start = np.array([d, 0.0])
-    best = Solution(start, math.inf, 0.0, 0.0, 0.0, 0.0, UNSCALED, logs, pattern)
+    best = Solution(start, math.inf, 0.0, UNFIT, logs, pattern)
     other = best
     if not flaw and shifts and several:
         other = moving(view, camera, pattern, layout, (d, spectra.mean_of(transformed)))
@@ -284,18 +279,17 @@ def _estimate(
         flaw = _flaw(best, moves, view, camera, layout)
     if parted and not flaw:
         pattern = _remembered(pattern, best, layout, camera.fading)
-    few = weak or best.features < FEWEST
+    few = weak or best.fit.features < FEWEST
     return Estimate(
         best.motion[0],
         best.variance,
         flaw,
         best.rest,
-        best.coherence,
+        best.fit.coherence,
         moves,
         best.slope,
-        best.features,
         few,
-        best.scaling,
+        best.fit.scaling,
         pattern,
     )
 
@@ -337,9 +331,8 @@ def _choose(
 
     At rest, the lines minus the mean of all lines are white noise. The vehicle therefore counts as
     moving if a displacement explains these differences. A candidate near rest is nevertheless
-    chosen if neighboring lines differ only by white noise and nothing shifts along the axis: slow
-    motion across the axis changes the lines without shifting them. If even the slow changes are
-    white noise, it counts as rest.
+    chosen if nothing shifts along the axis: slow motion across the axis changes the lines without
+    shifting them. If even the slow changes are white noise, it counts as rest.
 
     Args:
         view: the batch.
@@ -360,26 +353,22 @@ def _choose(
     # Noise alone rarely exceeds half of the log-likelihood that a valid displacement requires.
     limit = candidates.RATIO * candidates.LIKELY
     moves = evidence[best] >= limit
-    changes = True
-    if len(near) > 0 and (not moves or static.turning(remainder, layout) < limit):
+    rests = len(near) > 0 and (not moves or static.turning(remainder, layout) < limit)
+    if rests or not moves:
+        changes = static.colored(view.recorded, camera.taper, layout) >= limit
+        if not rests:
+            return found[best], changes, True, True, "low texture"
         slowest = near[int(np.argmax(evidence[near]))]
         c, shifts = found[slowest], evidence[slowest] >= candidates.LIKELY
-        changes = static.colored(view.recorded, camera.taper, layout, True) >= limit
-        if not changes or static.colored(view.recorded, camera.taper, layout, False) < limit:
-            visible = shifts or _visible(view, layout, c)
-            return c, changes, changes and shifts, False, "" if visible else "low texture"
-    elif not moves:
-        changes = static.colored(view.recorded, camera.taper, layout, True) >= limit
-    if not moves:
-        return found[best], changes, True, True, "low texture"
+        visible = shifts or _visible(view, layout, c)
+        return c, changes, changes and shifts, False, "" if visible else "low texture"
     best = candidates.decide(remainder, layout, found, evidence)
     weak = evidence[best] < candidates.LIKELY
     several = candidates.ambiguous(found, evidence, best)
     if several:
         # The mean of the lines contains ground that moves slowly, the known pattern does not.
         several = candidates.ambiguous(found, candidates.rate(view.usual, layout, found), best)
-    known = layout.lines >= spectra.FEWEST_LINES
-    if known and (several or may_be_shadow(np.array([found[best], 0.0]), view, layout)):
+    if several and layout.lines >= spectra.FEWEST_LINES:
         ground = only_ground(view, layout, evidence)
         best, several = (ground, False) if ground >= 0 else (best, several)
     return found[best], True, True, weak, "ambiguous" if several else ""
@@ -418,11 +407,11 @@ def _flaw(
         return "uncertain"
     if not moves:
         return "low texture" if shift > candidates.APART else ""
-    if best.difference > _TWO_MOTIONS:
+    if best.fit.difference > _TWO_MOTIONS:
         return "two motions"
     if shift < candidates.APART:
         return ""
-    few = best.features < FEWEST
+    few = best.fit.features < FEWEST
     if layout.lines >= spectra.FEWEST_LINES:
         few = may_be_shadow(best.motion, view, layout)
     return "dominated by few features" if few else ""

@@ -73,6 +73,9 @@ class Fit(NamedTuple):
     scaling: Scaling
 
 
+UNFIT = Fit(math.inf, math.inf, 0.0, 0.0, 0.0, 0.0, UNSCALED)
+
+
 @kernel
 def noise_of(lines: Floats) -> float:
     """Return the median of the pixels' noise variances, estimated from lines of shape (m, n).

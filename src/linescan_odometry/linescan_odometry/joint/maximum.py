@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from linescan_odometry.joint import candidates, spectra, static
-from linescan_odometry.joint.fit import UNSCALED, Scaling, assess, scatter, unequal_pixels
+from linescan_odometry.joint.fit import UNFIT, Fit, assess, scatter, unequal_pixels
 from linescan_odometry.joint.likelihood import Expansion, expand, observe, without
 from omni_core.kernels import kernel
 from omni_core.signals import Lines
@@ -81,23 +81,17 @@ class Solution(NamedTuple):
         motion: displacement per line in the middle of the batch [px] and its change from line to
             line [px], shape (2,).
         variance: variance of the displacement [px^2]; infinite without a maximum.
-        features: effective number of independent features that move with the displacement.
-        coherence: coherence between neighboring lines, weighted by power [1].
         slope: standard deviation of the unknown slope of the texture against the direction across
             the axis [1]; 0 if the texture is so clear that an oblique one would be noticed.
-        difference: the attribute `difference` of `Fit` [px].
-        scaling: change of the scale of the view.
+        fit: further properties at this maximum.
         rest: logarithm of the gray levels, minus the fixed pattern, shape (m, n).
         pattern: pattern estimated from this batch alone, if it can be separated.
     """
 
     motion: spectra.Doubles
     variance: float
-    features: float
-    coherence: float
     slope: float
-    difference: float
-    scaling: Scaling
+    fit: Fit
     rest: spectra.Floats
     pattern: spectra.FixedPattern
 
@@ -143,14 +137,12 @@ def slow(
             ground = static.ground_share(rest, prior, dirt, camera.taper, layout, view.noise)
             share = max(least, most * ground)
     if share <= 0.0 or _hidden(motion[0], share) ** 2 > limit:
-        return Solution(motion, math.inf, 0.0, 0.0, 0.0, 0.0, UNSCALED, rest, batch)
+        return Solution(motion, math.inf, 0.0, UNFIT, rest, batch)
     fit = assess(here, layout.pixels, view.noise)
     # At rest all lines are equal, so few features suffice.
     variance = fit.variance if math.isfinite(fit.variance) else fit.white
     variance += _hidden(abs(motion[0]) + math.sqrt(variance), share) ** 2
-    return Solution(
-        motion, variance, fit.features, fit.coherence, 0.0, 0.0, fit.scaling, rest, batch
-    )
+    return Solution(motion, variance, 0.0, fit, rest, batch)
 
 
 @kernel
@@ -180,22 +172,12 @@ def moving(
     none = np.zeros(len(pattern.precision))
     motion, rest, batch, here = _maximize(view, camera, pattern, layout, start, none)
     if not np.isfinite(motion).all():
-        return Solution(motion, math.inf, 0.0, 0.0, 0.0, 0.0, UNSCALED, rest, batch)
+        return Solution(motion, math.inf, 0.0, UNFIT, rest, batch)
     fit = assess(here, layout.pixels, view.noise)
     rivals = scatter(view.remainder, layout, motion[0], (candidates.LIKELY, candidates.RATIO))
     clear = fit.contrast >= _LEAST_CONTRAST and fit.features >= FEWEST
     slope = 0.0 if clear else SLOPE
-    return Solution(
-        motion,
-        fit.variance + rivals,
-        fit.features,
-        fit.coherence,
-        slope,
-        fit.difference,
-        fit.scaling,
-        rest,
-        batch,
-    )
+    return Solution(motion, fit.variance + rivals, slope, fit, rest, batch)
 
 
 @kernel

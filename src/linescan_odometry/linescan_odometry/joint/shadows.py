@@ -31,7 +31,8 @@ def may_be_shadow(motion: spectra.Doubles, view: View, layout: candidates.Layout
     """
     if abs(motion[0]) * (layout.lines - 1) < candidates.APART:
         return False
-    which = candidates.persistent(view.remainder, layout, motion[0])
+    # At the largest of all spacings, only few pairs of lines remain.
+    which = min(candidates.farthest(motion[0], layout), candidates.SPACINGS - 2)
     distance = candidates.spacings(layout.lines)[which]
     number, others = spread(view.details, motion, distance, math.ceil(_SHADOW))
     return bool(number < _SHADOW and others < spectra.SIGNIFICANT)
