@@ -73,7 +73,7 @@ def _receive(constants: Constants, memory: Memory, inputs: Inputs) -> tuple[bool
     ready, first, dt, twist, across, failed = _check_and_estimate(constants, memory, inputs)
     (v_x, v_y, yaw_rate), (p_x, p_y) = twist, across
     isolated = memory.bank.record[0].best in (bank_state.NO_FORCE, bank_state.NO_IMU)
-    f_x, f_y = (math.nan, math.nan) if isolated else (memory.inertial[1], memory.inertial[2])
+    f_x, f_y = (math.nan, math.nan) if isolated else (memory.others.values[1], memory.others.values[2])
     pedal, speeds = inputs.pedal, memory.law_speeds
     motion = (first, dt, v_x, v_y, yaw_rate, p_x, p_y, pedal, speeds, failed, f_x, f_y, step.fresh)
     return ready, law.Motion(*motion)
@@ -91,27 +91,26 @@ def _check_and_estimate(
     """
     step, gate = memory.step[0], memory.gate[0]
     now_ns, limits = inputs.now_ns, constants.limits
-    braking = inputs.pedal >= constants.pedal_threshold
+    braking = inputs.pedal >= limits.pedal_threshold
     pedal = inputs.pedal if braking else 0.0
     if not braking:
         step.slow, step.dead = False, 0
-        memory.changed_ns[:] = now_ns  # while the pedal is up, constant readings are plausible
+        memory.others.changed_ns[:] = now_ns  # while the pedal is up, constant readings are plausible
 
     feedback = _twist_of_center(constants, memory, inputs.feedback)
-    others = fail_safe.Others(memory.speeds, memory.inertial, memory.seen, memory.changed_ns)
     complete, step.stuck = fail_safe.check_others(
-        limits, constants.bank.roll, others, gate, now_ns, inputs.wheels, inputs.imu
+        limits, constants.bank.roll, memory.others, gate, now_ns, inputs.wheels, inputs.imu
     )
     weighed = complete and constants.fault_detection
-    received, elapsed = fail_safe.check_twist(limits, gate, now_ns, feedback, braking, weighed)
-    elapsed = min(elapsed, constants.maximum_time_step)
+    elapsed = min(max(since(now_ns, gate.now_ns) * 1e-9, 0.0), limits.maximum_time_step)
+    received = fail_safe.check_twist(limits, gate, now_ns, feedback, braking, weighed)
     good, gate_open, stamp_ns, twist = _estimate(
         constants, memory, inputs, feedback, received, pedal, elapsed
     )
     ready = braking and good and gate_open
     if constants.fault_detection and (ready or not braking):
         _watch(constants, memory, pedal, elapsed, twist)
-    within = constants.minimum_reference_speed, constants.maximum_time_step
+    within = limits.minimum_reference_speed, limits.maximum_time_step
     dt, begun, across = braking_line.keep_line(
         memory.line[0], stamp_ns, twist, within, braking, good, ready
     )
@@ -192,7 +191,7 @@ def _estimate(
             good = False
     for i in range(memory.law_speeds.size):
         isolated = memory.bank.faulty[memory.bank.record[0].best, i] > bank_state.FAULTY
-        memory.law_speeds[i] = math.nan if isolated else memory.speeds[i]
+        memory.law_speeds[i] = math.nan if isolated else memory.others.values[3 + i]
     return good, gate_open, stamp_ns, (twist[0], twist[1], twist[2])
 
 
@@ -215,7 +214,7 @@ def _estimate_motion(
         Number of the most probable hypothesis of the filter bank, or NO_ESTIMATE.
     """
     step = memory.step[0]
-    speeds, inertial = memory.speeds, memory.inertial
+    inertial, speeds = memory.others.values[:3], memory.others.values[3:]
     age = max(since(inputs.now_ns, inputs.imu.stamp_ns) * 1e-9, 0.0)
     enables, variance = memory.commanded, feedback.covariance
     released = enables[enables.argmin()] < 1.0
@@ -320,7 +319,7 @@ def _outcome(
     step.fault = _first_fault(step, memory.gate[0].cause, inputs.outside, constants.laws.replans)
     if not inputs.enabled:
         return conditions.DISABLED
-    if inputs.pedal < constants.pedal_threshold:
+    if inputs.pedal < constants.limits.pedal_threshold:
         return conditions.INACTIVE
     # The filter bank can replace a rejected twist. The rows above DEMAND_BACK in the table are
     # faults of other inputs, which nothing can replace.
@@ -388,7 +387,8 @@ def _is_slow(constants: Constants, step: Any, motion: law.Motion) -> bool:
 
     If it was already slower in the last step, the hysteresis is added to the threshold.
     """
-    limit = constants.speed_threshold + step.slow * constants.speed_hysteresis
+    limits = constants.limits
+    limit = limits.speed_threshold + step.slow * limits.speed_hysteresis
     step.slow = limit > fastest_wheel(
         constants.r_x, constants.r_y, motion.v_x, motion.v_y, motion.yaw_rate
     )
