@@ -37,7 +37,7 @@ def estimate(
         Number of the most probable hypothesis, whose filter gave the estimate, or NO_ESTIMATE.
     """
     record = memory.record[0]
-    elapsed = (now_ns - memory.stamps[memory.newest[0]]) * 1e-9
+    elapsed = (now_ns - memory.rows[memory.newest[0]].stamp_ns) * 1e-9
     braking = readings.pedal > 0.0
     received = twist.validity == VALID
     first = received and _is_first(memory, readings, braking)
@@ -142,34 +142,31 @@ def _store(
     The buffer is full if the steps are shorter than the control period. The filters then use the
     oldest readings before these are overwritten, and wait less for a late twist.
     """
-    row, size = (memory.newest[0] + 1) % memory.stamps.size, memory.stamps.size
+    size = memory.rows.size
+    row = (memory.newest[0] + 1) % size
     if row == memory.newest[1]:
-        _advance(constants, memory, memory.stamps[(row + 1) % size])
-    memory.newest[0] = row
-    memory.stamps[row] = now_ns
-    stored, n = memory.rows[row], memory.released.size
-    stored[bank.ROW_PEDAL], stored[bank.ROW_FRESH] = readings.pedal, readings.fresh
-    stored[bank.ROW_AGE] = readings.age
+        _advance(constants, memory, memory.rows[(row + 1) % size].stamp_ns)
+    memory.newest[0], stored = row, memory.rows[row]
+    stored.stamp_ns, stored.pedal = now_ns, readings.pedal
+    stored.fresh, stored.age = readings.fresh, readings.age
     for j in range(3):
-        stored[bank.ROW_IMU + j] = readings.inertial[j]
-    for i in range(n):
-        stored[bank.ROW_WHEELS + i] = readings.speeds[i]
-        stored[bank.ROW_WHEELS + n + i] = readings.enable[i]
+        stored.inertial[j] = readings.inertial[j]
+    for i in range(readings.speeds.size):
+        memory.wheel_rows[row, 0, i] = readings.speeds[i]
+        memory.wheel_rows[row, 1, i] = readings.enable[i]
 
 
 @lean
 def _advance(constants: BankConstants, memory: BankMemory, target_ns: int) -> None:
     """Predict the filters to a given time, and correct them with all readings up to that time."""
-    record, wheels = memory.record[0], bank.ROW_WHEELS + memory.released.size
+    record, size = memory.record[0], memory.rows.size
     while record.horizon_ns < target_ns and memory.newest[1] != memory.newest[0]:
-        before, row = memory.newest[1], (memory.newest[1] + 1) % memory.stamps.size
-        reading, stamp_ns = memory.rows[row], memory.stamps[row]
-        pedal, rate = reading[bank.ROW_PEDAL], reading[bank.ROW_IMU]
-        f_x, f_y = reading[bank.ROW_IMU + 1], reading[bank.ROW_IMU + 2]
+        before_ns, row = memory.rows[memory.newest[1]].stamp_ns, (memory.newest[1] + 1) % size
+        reading = memory.rows[row]
+        stamp_ns, pedal, (rate, f_x, f_y) = reading.stamp_ns, reading.pedal, reading.inertial
         until_ns = min(stamp_ns, target_ns)
         dt = (until_ns - record.horizon_ns) * 1e-9
-        first = memory.stamps[before] < 0
-        step = constants.period if first else (stamp_ns - memory.stamps[before]) * 1e-9
+        step = constants.period if before_ns < 0 else (stamp_ns - before_ns) * 1e-9
         if stamp_ns > target_ns:  # the time of the twist is between two readings
             share = (until_ns - record.horizon_ns) / (stamp_ns - record.horizon_ns)
             rate = record.gyro + share * (rate - record.gyro)
@@ -178,8 +175,8 @@ def _advance(constants: BankConstants, memory: BankMemory, target_ns: int) -> No
         record.unmeasured += dt
         record.inertial = math.isfinite(rate + f_x + f_y)
         record.equipped = record.equipped or record.inertial
-        record.held = reading[bank.ROW_AGE] if record.inertial else 0.0
-        if math.isfinite(rate) and reading[bank.ROW_FRESH] > 0.0:
+        record.held = reading.age if record.inertial else 0.0
+        if math.isfinite(rate) and reading.fresh:
             # A reading that equals the last one in a stop is no evidence, but remains the best one.
             new = not (pedal > 0.0 and rate == record.gyro != 0.0)
             filters.fuse_gyro(constants, memory, record.unmeasured if new else 0.0, rate)
@@ -189,7 +186,7 @@ def _advance(constants: BankConstants, memory: BankMemory, target_ns: int) -> No
             return
         memory.newest[1] = row
         record.braked = record.braked + step if pedal > 0.0 else 0.0
-        enable, speeds = reading[wheels:], reading[bank.ROW_WHEELS : wheels]
+        speeds, enable = memory.wheel_rows[row, 0], memory.wheel_rows[row, 1]
         fuse_wheels(constants, memory, step, pedal, enable, speeds, math.hypot(f_x, f_y))
         filters.weigh_braking(constants, memory, step, pedal)
 
@@ -297,13 +294,13 @@ def _answer(constants: BankConstants, memory: BankMemory, best: int, answer: Flo
         state[i] = memory.state[best, i]
     row, before_ns = memory.newest[1], record.horizon_ns
     while row != memory.newest[0]:
-        row = (row + 1) % memory.stamps.size
-        reading, dt = memory.rows[row], (memory.stamps[row] - before_ns) * 1e-9
-        before_ns = memory.stamps[row]
-        gyro = reading[bank.ROW_IMU]
+        row = (row + 1) % memory.rows.size
+        reading = memory.rows[row]
+        dt, before_ns = (reading.stamp_ns - before_ns) * 1e-9, reading.stamp_ns
+        gyro = reading.inertial[0]
         if best not in (bank.NO_GYRO, bank.NO_IMU) and math.isfinite(gyro):
             state[RATE] = gyro - state[bank.BIAS_RATE]
-        filters.propagate(state, best, dt, reading[bank.ROW_IMU + 1], reading[bank.ROW_IMU + 2])
+        filters.propagate(state, best, dt, reading.inertial[1], reading.inertial[2])
     answer[0] = state[U_X] + state[RATE] * constants.p_y
     answer[1] = state[U_Y] - state[RATE] * constants.p_x
     answer[2] = state[RATE]

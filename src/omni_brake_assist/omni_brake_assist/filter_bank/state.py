@@ -15,7 +15,7 @@ from omni_core.signals import VALID, TwistSample
 # Hypotheses on which source is faulty. Each hypothesis except NO_ESTIMATE has a filter that does
 # not use this source.
 ALL, NO_TWIST, NO_VELOCITY, NO_RATE, NO_GYRO, NO_FORCE, NO_IMU, NO_ESTIMATE = range(8)
-FILTERS, HYPOTHESES = 7, 8
+FILTERS, HYPOTHESES = NO_ESTIMATE, NO_ESTIMATE + 1
 DEAD_RECKONING = NO_TWIST, NO_VELOCITY
 """Hypotheses under which only the IMU and the wheels measure the velocity."""
 TWIST_FAULTS = *DEAD_RECKONING, NO_RATE
@@ -23,12 +23,7 @@ TWIST_FAULTS = *DEAD_RECKONING, NO_RATE
 
 # Components of the state: velocity at the mounting point of the IMU, yaw rate, biases of gyro and
 # accelerometer, relative error of the wheel radii, offset of the twist's yaw rate.
-U_X, U_Y, RATE, BIAS_RATE, BIAS_X, BIAS_Y, SCALE, OFFSET = range(8)
-STATES = 8
-
-ROW_PEDAL, ROW_IMU, ROW_FRESH, ROW_AGE, ROW_WHEELS = 0, 1, 4, 5, 6
-"""Index of the first column of the pedal, the IMU, `Readings.fresh`, `Readings.age` and the wheels
-in a row of stored readings."""
+U_X, U_Y, RATE, BIAS_RATE, BIAS_X, BIAS_Y, SCALE, OFFSET, STATES = range(9)
 
 GYRO = 3
 """Index of the gyro in `BankMemory.spread`; the components of the twist precede it."""
@@ -71,6 +66,18 @@ BANK = np.dtype(
         ("restart_ns", "i8"),  # time of the last restart of the filter of all sources [ns]
         ("best", "i8"),  # most probable hypothesis
         ("kept", "i8"),  # hypothesis whose estimate `BankMemory.precise` corrects
+    ]
+)
+
+_ROW = np.dtype(
+    [
+        ("stamp_ns", "i8"),  # stamp of the step, -1 before the start [ns]
+        ("pedal", "f8"),  # these fields are those of `Readings`
+        ("inertial", "f8", 3),
+        ("fresh", "?"),
+        ("age", "f8"),
+        # Speed of each filter minus `BankConstants.swing`, at least 0 [m/s].
+        ("speed", "f8", FILTERS),
     ]
 )
 
@@ -222,12 +229,8 @@ class BankMemory(NamedTuple):
             shape (3,).
         spread: mean squares of the changes of the twist's components [m^2/s^2, m^2/s^2, rad^2/s^2]
             and of the gyro [rad^2/s^2] between two readings, over about `WINDOW_NS`, shape (4,).
-        filter_speeds: speed of each of the 7 filters at the stored readings, minus
-            `BankConstants.swing`, at least 0 [m/s], shape (R, 7).
-        rows: readings of the past steps, a ring buffer; each row contains pedal, yaw rate,
-            specific force (x, y), 1 for a new yaw rate, age of the IMU reading, N wheel speeds and
-            N enables, shape (R, 6 + 2 N).
-        stamps: stamps of these readings [ns], -1 for readings before the start, shape (R,).
+        rows: readings of the past steps except those of the wheels, a ring buffer, shape (R,).
+        wheel_rows: wheel speeds [rad/s] and enables [1] of these steps, shape (R, 2, N).
         newest: row of the newest reading, and row of the newest reading that the filters have used,
             shape (2,).
         h: direction in the state space that a measurement observes, shape (8,).
@@ -255,9 +258,8 @@ class BankMemory(NamedTuple):
     precise: FloatArray
     ratio: FloatArray
     spread: FloatArray
-    filter_speeds: FloatArray
-    rows: FloatArray
-    stamps: IntArray
+    rows: NDArray[np.void]
+    wheel_rows: FloatArray
     newest: IntArray
     h: FloatArray
     gain: FloatArray
@@ -327,9 +329,8 @@ def bank_memory(constants: BankConstants) -> BankMemory:
         np.zeros(3),
         np.zeros(3),
         np.zeros(GYRO + 1),
-        np.zeros((rows, FILTERS)),
-        np.zeros((rows, ROW_WHEELS + 2 * wheels)),
-        np.full(rows, -1, np.int64),
+        np.zeros(rows, _ROW),
+        np.zeros((rows, 2, wheels)),
         np.zeros(2, np.int64),
         np.zeros(STATES),
         np.zeros(STATES),
@@ -358,7 +359,7 @@ def begin(constants: BankConstants, memory: BankMemory, now_ns: int, twist: Twis
     memory.idle[:] = memory.mark[:] = memory.torque[:] = memory.most[:] = 0.0
     memory.pressure[:] = memory.slowest[:] = 0.0
     memory.faulty[:FILTERS] = PRIOR
-    memory.stamps[:] = -1
+    memory.rows["stamp_ns"][:] = -1
     memory.spread[:] = 0.0
     memory.covariance[:] = 0.0
     memory.state[:] = 0.0
