@@ -10,9 +10,6 @@ from omni_core.kernels import lean
 from omni_core.quantities import FloatArray
 from omni_core.signals import VALID, TwistSample
 
-_UNSUPPORTED = 0.2  # limit on the time without a rolling released wheel if there is no twist [s]
-_MIXING_TIME = 0.5  # time constant with which the other filters follow the best one, pedal up [s]
-
 
 @lean
 def estimate(
@@ -47,10 +44,10 @@ def estimate(
             return bank.NO_ESTIMATE
         bank.begin(constants, memory, now_ns, twist)
         elapsed = 0.0
-    record.lag = readings.lag
-    _press(constants, memory, braking)
-    _restart(memory, now_ns)
-    memory.evidence[:] = 0.0
+    if record.pressed and not braking:  # the next stop begins with the priors
+        bank.reset_posterior(constants, memory)
+    record.pressed = braking
+    memory.evidence[:], record.lag = 0.0, readings.lag
     _store(constants, memory, now_ns, readings)
     valid_ns = twist.stamp_ns - constants.delay
     fresh = received and valid_ns > record.twist_ns
@@ -62,8 +59,8 @@ def estimate(
     if record.known:
         _update_posterior(constants, memory, elapsed)
     record.known = record.known or fresh
-    if not braking and record.best != bank.NO_ESTIMATE:
-        _mix(memory, record.best, min(elapsed / _MIXING_TIME, 1.0))
+    if record.best != bank.NO_ESTIMATE:
+        _mix(memory, record.best, braking, min(elapsed * 1e9 / bank.WINDOW_NS, 1.0))
     if _is_lost(memory):
         return bank.NO_ESTIMATE
     if not record.equipped:
@@ -90,15 +87,6 @@ def _is_first(memory: BankMemory, readings: bank.Readings, braking: bool) -> boo
 
 
 @lean
-def _press(constants: BankConstants, memory: BankMemory, braking: bool) -> None:
-    """Note whether the pedal is down; after a stop the hypotheses have their priors again."""
-    record = memory.record[0]
-    if record.pressed and not braking:
-        bank.reset_posterior(constants, memory)
-    record.pressed = braking
-
-
-@lean
 def _add_precise(
     constants: BankConstants, memory: BankMemory, now_ns: int, best: int, answer: FloatArray
 ) -> None:
@@ -111,26 +99,6 @@ def _add_precise(
     if best == record.kept and now_ns - record.twist_ns <= constants.twist_wait:
         for j in range(answer.size):
             answer[j] += memory.precise[j]
-
-
-@lean
-def _restart(memory: BankMemory, now_ns: int) -> None:
-    """While a source is isolated, periodically copy the best filter to the filter of all sources.
-
-    If the isolated source has recovered, it agrees with the copied state. The hypothesis that no
-    source is faulty then becomes the most probable one again.
-    """
-    record = memory.record[0]
-    if record.best in (bank.ALL, bank.NO_ESTIMATE):
-        record.restart_ns = now_ns
-    elif now_ns - record.restart_ns > bank.WINDOW_NS:
-        record.restart_ns = now_ns
-        for i in range(memory.rim.size):
-            memory.faulty[bank.ALL, i] = memory.faulty[record.best, i]
-        for i in range(STATES):
-            memory.state[bank.ALL, i] = memory.state[record.best, i]
-            for j in range(STATES):
-                memory.covariance[bank.ALL, i, j] = memory.covariance[record.best, i, j]
 
 
 @lean
@@ -195,18 +163,12 @@ def _advance(constants: BankConstants, memory: BankMemory, target_ns: int) -> No
 def _is_lost(memory: BankMemory) -> bool:
     """Return whether too few working sources remain to determine the motion.
 
-    If fewer than two encoders appear fault-free, the estimate itself must be wrong, because several
-    encoders do not fail at the same time. If the twist or a part of it is isolated, or no twist has
-    been received, the IMU must measure the motion. Unless only the yaw rate of the twist is
-    isolated, a released wheel must also roll while brakes are released.
+    If the twist or a part of it is isolated, or no twist has been received, the IMU must measure
+    the motion.
     """
-    record, left = memory.record[0], 0
-    for probability in memory.faulty[record.best]:
-        left += 1 if probability <= bank.FAULTY else 0
-    supported = record.best == bank.NO_RATE or record.unsupported < _UNSUPPORTED
+    record = memory.record[0]
     without = record.best in bank.TWIST_FAULTS or not record.received
-    without = without and not (record.inertial and supported)
-    return bool(record.best == bank.NO_ESTIMATE or without or (left < 2 and record.pressed))
+    return bool(record.best == bank.NO_ESTIMATE or (without and not record.inertial))
 
 
 @lean
@@ -236,15 +198,15 @@ def _update_posterior(constants: BankConstants, memory: BankMemory, dt: float) -
 
 
 @lean
-def _mix(memory: BankMemory, best: int, weight: float) -> None:
-    """Mix each filter with the best filter, so that no filter drifts while the pedal is up.
+def _mix(memory: BankMemory, best: int, braking: bool, weight: float) -> None:
+    """Mix the filter of all sources, and with the pedal up every filter, with the best filter.
 
-    In the mean and in the covariance of the mixture, the filter `best` has the given weight.
+    In the mean and in the covariance of the mixture, the filter `best` has the given weight. An
+    isolated source that recovers thus agrees with the filter of all sources, and no filter drifts
+    while the pedal is up.
     """
     there, p_there = memory.state[best], memory.covariance[best]
-    for k in range(bank.FILTERS):
-        if k == best:
-            continue
+    for k in range(bank.ALL + 1 if braking else bank.FILTERS):
         here, p_here = memory.state[k], memory.covariance[k]
         for i in range(STATES):
             for j in range(STATES):
