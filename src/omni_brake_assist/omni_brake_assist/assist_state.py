@@ -14,7 +14,7 @@ from omni_brake_assist.laws.law import Motion
 from omni_brake_assist.monitors import brake_monitor, effect_monitor
 from omni_core.geometry import PlatformGeometry
 from omni_core.kernels import by_reference
-from omni_core.quantities import SECOND_NS, FloatArray, IntArray
+from omni_core.quantities import SECOND_NS, FloatArray
 from omni_core.signals import ImuSample, TwistSample, WheelSample
 
 _STEP = np.dtype(
@@ -50,7 +50,7 @@ class Constants(NamedTuple):
     depend on the position of base_link.
 
     Attributes:
-        limits: limits within which the twist is valid.
+        limits: limits within which inputs are valid, and thresholds.
         laws: constants of the control laws.
         fault_detection: whether the filter bank and the monitors are used.
         bank: constants of the filter bank, which detects sensor faults.
@@ -60,13 +60,6 @@ class Constants(NamedTuple):
         center: center of the wheels in the body frame [m], shape (2,).
         r_x: wheel positions, x [m], shape (N,).
         r_y: wheel positions, y [m], shape (N,).
-        pedal_threshold: smallest pedal position at which the driver is regarded as braking [1].
-        minimum_reference_speed: speed at the start of braking below which no line of motion is
-            stored [m/s].
-        maximum_time_step: limit on the time step over which the heading is integrated [s].
-        speed_threshold: speed of the fastest wheel center below which all brakes act [m/s].
-        speed_hysteresis: amount by which the speed must rise above this threshold before brakes are
-            released again [m/s].
         dwell: minimum time between two switching operations of a valve [ns].
     """
 
@@ -80,11 +73,6 @@ class Constants(NamedTuple):
     center: FloatArray
     r_x: FloatArray
     r_y: FloatArray
-    pedal_threshold: float
-    minimum_reference_speed: float
-    maximum_time_step: float
-    speed_threshold: float
-    speed_hysteresis: float
     dwell: float
 
 
@@ -108,12 +96,7 @@ class Memory(NamedTuple):
         twist_covariance: covariance of `twist` in the squares of its units, shape (3, 3).
         answer: twist that the filter bank estimates for the present time [m/s, m/s, rad/s],
             shape (3,).
-        speeds: received wheel speeds [rad/s], NaN where not received, shape (N,).
-        inertial: received yaw rate [rad/s] and specific force [m/s^2], NaN where not received,
-            shape (3,).
-        seen: received yaw rate, specific force and wheel speeds when they last changed, in the same
-            units, shape (3 + N,).
-        changed_ns: times of these changes [ns], shape (3 + N,).
+        others: received yaw rate, specific force and wheel speeds.
         held: errors [m/s] and brake enables [1] of the wheels from the last call of the law, shape
             (2, N).
     """
@@ -131,10 +114,7 @@ class Memory(NamedTuple):
     twist: FloatArray
     twist_covariance: FloatArray
     answer: FloatArray
-    speeds: FloatArray
-    inertial: FloatArray
-    seen: FloatArray
-    changed_ns: IntArray
+    others: fail_safe.Others
     held: FloatArray
 
 
@@ -196,11 +176,6 @@ def make_constants(
         center,
         r_x,
         r_y,
-        configuration.pedal_threshold,
-        configuration.minimum_reference_speed,
-        configuration.maximum_time_step,
-        configuration.speed_threshold,
-        configuration.speed_hysteresis,
         float(round(configuration.minimum_dwell_time * SECOND_NS)),
     )
 
@@ -209,7 +184,7 @@ def new_memory(constants: Constants) -> Memory:
     """Return the state of an assistant that has received no message yet."""
     wheels, step, gate = constants.r_x.size, np.zeros(1, _STEP), np.zeros(1, fail_safe.GATE_STATE)
     gate["cause"] = conditions.NOTHING_YET
-    step["imu_ns"] = -1
+    step["imu_ns"], n = -1, 3 + wheels
     return Memory(
         gate,
         step,
@@ -224,9 +199,6 @@ def new_memory(constants: Constants) -> Memory:
         np.zeros(3),
         np.zeros((3, 3)),
         np.zeros(3),
-        np.zeros(wheels),
-        np.zeros(3),
-        np.zeros(3 + wheels),
-        np.zeros(3 + wheels, np.int64),
+        fail_safe.Others(np.zeros(n), np.zeros(n), np.zeros(n, np.int64)),
         np.zeros((2, wheels)),
     )

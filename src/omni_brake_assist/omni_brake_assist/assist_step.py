@@ -73,8 +73,8 @@ def _receive(constants: Constants, memory: Memory, inputs: Inputs) -> tuple[bool
     ready, first, dt, twist, across, failed = _check_and_estimate(constants, memory, inputs)
     (v_x, v_y, yaw_rate), (p_x, p_y) = twist, across
     isolated = memory.bank.record[0].best in (bank_state.NO_FORCE, bank_state.NO_IMU)
-    f_x, f_y = (math.nan, math.nan) if isolated else (memory.inertial[1], memory.inertial[2])
-    pedal, speeds = inputs.pedal, memory.law_speeds
+    values, pedal, speeds = memory.others.values, inputs.pedal, memory.law_speeds
+    f_x, f_y = (math.nan, math.nan) if isolated else (values[1], values[2])
     motion = (first, dt, v_x, v_y, yaw_rate, p_x, p_y, pedal, speeds, failed, f_x, f_y, step.fresh)
     return ready, law.Motion(*motion)
 
@@ -89,29 +89,28 @@ def _check_and_estimate(
         Whether the law is to be called; and values of `law.Motion`: `first`, `dt`, velocity and yaw
         rate, direction perpendicular to the line of motion, and `failed_brake`.
     """
-    step, gate = memory.step[0], memory.gate[0]
+    step, gate, others = memory.step[0], memory.gate[0], memory.others
     now_ns, limits = inputs.now_ns, constants.limits
-    braking = inputs.pedal >= constants.pedal_threshold
+    braking = inputs.pedal >= limits.pedal_threshold
     pedal = inputs.pedal if braking else 0.0
     if not braking:
         step.slow, step.dead = False, 0
-        memory.changed_ns[:] = now_ns  # while the pedal is up, constant readings are plausible
+        others.changed_ns[:] = now_ns  # while the pedal is up, constant readings are plausible
 
     feedback = _twist_of_center(constants, memory, inputs.feedback)
-    others = fail_safe.Others(memory.speeds, memory.inertial, memory.seen, memory.changed_ns)
     complete, step.stuck = fail_safe.check_others(
         limits, constants.bank.roll, others, gate, now_ns, inputs.wheels, inputs.imu
     )
     weighed = complete and constants.fault_detection
-    received, elapsed = fail_safe.check_twist(limits, gate, now_ns, feedback, braking, weighed)
-    elapsed = min(elapsed, constants.maximum_time_step)
+    elapsed = min(max(since(now_ns, gate.now_ns) * 1e-9, 0.0), limits.maximum_time_step)
+    received = fail_safe.check_twist(limits, gate, now_ns, feedback, braking, weighed)
     good, gate_open, stamp_ns, twist = _estimate(
         constants, memory, inputs, feedback, received, pedal, elapsed
     )
     ready = braking and good and gate_open
     if constants.fault_detection and (ready or not braking):
         _watch(constants, memory, pedal, elapsed, twist)
-    within = constants.minimum_reference_speed, constants.maximum_time_step
+    within = limits.minimum_reference_speed, limits.maximum_time_step
     dt, begun, across = braking_line.keep_line(
         memory.line[0], stamp_ns, twist, within, braking, good, ready
     )
@@ -164,6 +163,8 @@ def _estimate(
 ) -> tuple[bool, bool, int, Triple]:
     """Choose the twist that the law uses, and the wheel speeds without those of isolated sensors.
 
+    A twist of which no component is measured counts as no twist.
+
     Args:
         constants: constants of the assistant.
         memory: memory of the assistant, changed in place.
@@ -177,67 +178,39 @@ def _estimate(
         Whether there is an estimate; whether the input gate is open; stamp of the estimate [ns] and
         twist [m/s, m/s, rad/s].
     """
-    step, cause = memory.step[0], memory.gate[0].cause
-    gate_open = cause == conditions.GOOD
-    stamp_ns, twist = feedback.stamp_ns, feedback.value
+    step, record, cause = memory.step[0], memory.bank.record[0], memory.gate[0].cause
+    inertial, speeds = memory.others.values[:3], memory.others.values[3:]
+    gate_open, stamp_ns, twist = cause == conditions.GOOD, feedback.stamp_ns, feedback.value
     if constants.fault_detection:
+        enables, variance = memory.commanded, feedback.covariance
+        released = enables[enables.argmin()] < 1.0
+        step.no_effect = effect_monitor.watch_effect(
+            constants.effect, memory.effect, elapsed, pedal, released, speeds, inertial
+        )
         received = good and cause in conditions.INPUTS_VALID
-        chosen = _estimate_motion(constants, memory, inputs, feedback, received, pedal, elapsed)
-        step.contradicted = chosen == bank_state.NO_ESTIMATE
-        step.reckoned = chosen in bank_state.DEAD_RECKONING or not received
-        if memory.bank.record[0].equipped:
-            good = gate_open = chosen != bank_state.NO_ESTIMATE
-            stamp_ns, twist = inputs.now_ns, memory.answer
-        elif chosen == bank_state.NO_ESTIMATE:
-            good = False
-    for i in range(memory.law_speeds.size):
-        isolated = memory.bank.faulty[memory.bank.record[0].best, i] > bank_state.FAULTY
-        memory.law_speeds[i] = math.nan if isolated else memory.speeds[i]
-    return good, gate_open, stamp_ns, (twist[0], twist[1], twist[2])
-
-
-@lean
-def _estimate_motion(
-    constants: Constants,
-    memory: Memory,
-    inputs: Inputs,
-    feedback: TwistSample,
-    received: bool,
-    pedal: float,
-    elapsed: float,
-) -> int:
-    """Update the effect monitor and the filter bank; write the estimate to `memory.answer`.
-
-    The arguments are those of `_estimate`, but the twist is also ignored, as if it were not
-    `received`, if no component of it is measured.
-
-    Returns:
-        Number of the most probable hypothesis of the filter bank, or NO_ESTIMATE.
-    """
-    step = memory.step[0]
-    speeds, inertial = memory.speeds, memory.inertial
-    age = max(since(inputs.now_ns, inputs.imu.stamp_ns) * 1e-9, 0.0)
-    enables, variance = memory.commanded, feedback.covariance
-    released = enables[enables.argmin()] < 1.0
-    least = min(variance[0, 0], variance[1, 1], variance[2, 2])
-    validity = VALID if received and least < UNMEASURED_VARIANCE else MISSING
-    body, brake = memory.laws.body[0], constants.laws.allocation.brake
-    lag = body.dead_time - brake.dead_time if body.responded else bank_state.UNKNOWN_LAG
-    step.no_effect = effect_monitor.watch_effect(
-        constants.effect, memory.effect, elapsed, pedal, released, speeds, inertial
-    )
-    return int(
-        estimate(
+        least = min(variance[0, 0], variance[1, 1], variance[2, 2])
+        validity = VALID if received and least < UNMEASURED_VARIANCE else MISSING
+        body, brake = memory.laws.body[0], constants.laws.allocation.brake
+        lag = body.dead_time - brake.dead_time if body.responded else bank_state.UNKNOWN_LAG
+        age = max(since(inputs.now_ns, inputs.imu.stamp_ns) * 1e-9, 0.0)
+        chosen = estimate(
             constants.bank,
             memory.bank,
             inputs.now_ns,
-            bank_state.Readings(
-                pedal, memory.commanded, inertial, speeds, step.fresh, age, lag, step.stuck
-            ),
-            TwistSample(feedback.stamp_ns, feedback.value, feedback.covariance, validity),
+            bank_state.Readings(pedal, enables, inertial, speeds, step.fresh, age, lag, step.stuck),
+            TwistSample(stamp_ns, twist, variance, validity),
             memory.answer,
         )
-    )
+        step.contradicted = chosen == bank_state.NO_ESTIMATE
+        step.reckoned = chosen in bank_state.DEAD_RECKONING or not received
+        if record.equipped:
+            good = gate_open = not step.contradicted
+            stamp_ns, twist = inputs.now_ns, memory.answer
+        good = good and not step.contradicted
+    for i in range(speeds.size):
+        isolated = memory.bank.faulty[record.best, i] > bank_state.FAULTY
+        memory.law_speeds[i] = math.nan if isolated else speeds[i]
+    return good, gate_open, stamp_ns, (twist[0], twist[1], twist[2])
 
 
 @lean
@@ -320,7 +293,7 @@ def _outcome(
     step.fault = _first_fault(step, memory.gate[0].cause, inputs.outside, constants.laws.replans)
     if not inputs.enabled:
         return conditions.DISABLED
-    if inputs.pedal < constants.pedal_threshold:
+    if inputs.pedal < constants.limits.pedal_threshold:
         return conditions.INACTIVE
     # The filter bank can replace a rejected twist. The rows above DEMAND_BACK in the table are
     # faults of other inputs, which nothing can replace.
@@ -388,7 +361,8 @@ def _is_slow(constants: Constants, step: Any, motion: law.Motion) -> bool:
 
     If it was already slower in the last step, the hysteresis is added to the threshold.
     """
-    limit = constants.speed_threshold + step.slow * constants.speed_hysteresis
+    limits = constants.limits
+    limit = limits.speed_threshold + step.slow * limits.speed_hysteresis
     step.slow = limit > fastest_wheel(
         constants.r_x, constants.r_y, motion.v_x, motion.v_y, motion.yaw_rate
     )

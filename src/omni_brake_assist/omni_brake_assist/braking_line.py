@@ -26,7 +26,7 @@ LINE = np.dtype(
         ("across_y", "f8"),
         ("heading", "f8"),  # yaw angle turned since the line was stored [rad]
         ("yaw_rate", "f8"),  # yaw rate of the last twist [rad/s]
-        ("stamp_ns", "i8"),  # stamp of the last twist, also while there is no line [ns]
+        ("stamp_ns", "i8"),  # stamp of the last valid twist, also while there is no line [ns]
     ]
 )
 """Data type of the memory; a record of zeros stores no line of motion."""
@@ -58,46 +58,23 @@ def keep_line(
         Time since the last valid twist [s], or 0 after a gap; whether the line was stored now; unit
         vector ``p`` across the line in the present body frame [1], of zeros if there is no line.
     """
-    dt, stores = 0.0, False
-    if not braking:
-        _forget(line)
-    if good:
-        dt, stores = _follow(line, stamp_ns, twist, limits, starts)
-    c, s = math.cos(line.heading), math.sin(line.heading)
-    p_x, p_y = line.across_x, line.across_y
-    return dt, stores, (c * p_x + s * p_y, c * p_y - s * p_x)
-
-
-@lean
-def _forget(line: Record) -> None:
-    line.stored = False
-    line.across_x = line.across_y = line.heading = line.yaw_rate = 0.0
-
-
-@lean
-def _follow(
-    line: Record, stamp_ns: int, twist: Triple, limits: Pair, starts: bool
-) -> tuple[float, bool]:
-    """Integrate the heading up to the time of a new twist, or store the line along its velocity.
-
-    If the speed is below the minimum, the record states that there is no line to keep. Arguments
-    and results are those of `keep_line`.
-    """
     (v_x, v_y, yaw_rate), (minimum_speed, longest) = twist, limits
-    dt = since(stamp_ns, line.stamp_ns) * 1e-9
-    line.stamp_ns = stamp_ns
-    if not 0.0 <= dt <= longest:
-        _forget(line)
-        dt = 0.0
-    stores = starts and not line.stored
-    if line.stored:
+    dt = since(stamp_ns, line.stamp_ns) * 1e-9 if good else 0.0
+    known = 0.0 <= dt <= longest
+    dt = dt if known else 0.0
+    if not (known and braking):
+        line.stored = False
+        line.across_x = line.across_y = 0.0
+    stores = good and starts and not line.stored
+    if good:
         line.heading += (line.yaw_rate + yaw_rate) / 2 * dt
-        line.yaw_rate = yaw_rate
-    elif stores:
-        line.stored = True
-        line.yaw_rate = yaw_rate
+        line.yaw_rate, line.stamp_ns = yaw_rate, stamp_ns
+    if stores:
+        line.stored, line.heading = True, 0.0
         speed = math.hypot(v_x, v_y)
         if speed >= minimum_speed:
             line.across_x = -v_y / speed  # Eq. (51)
             line.across_y = v_x / speed
-    return dt, stores
+    c, s = math.cos(line.heading), math.sin(line.heading)
+    p_x, p_y = line.across_x, line.across_y
+    return dt, stores, (c * p_x + s * p_y, c * p_y - s * p_x)

@@ -19,7 +19,7 @@ import numpy as np
 from omni_brake_assist import conditions
 from omni_brake_assist.configuration import BrakeAssistConfiguration
 from omni_core.kernels import by_reference, lean
-from omni_core.quantities import SECOND_NS, FloatArray, IntArray
+from omni_core.quantities import FloatArray, IntArray
 from omni_core.signals import MISSING, VALID, ImuSample, TwistSample, WheelSample
 
 _RESOLUTION = 1e-6  # smaller changes are attributed to rounding [m/s], [rad/s]
@@ -47,11 +47,13 @@ GATE_STATE = np.dtype(
 
 @by_reference
 class Limits(NamedTuple):
-    """Limits within which a twist is valid, from the fields of `BrakeAssistConfiguration`.
+    """Limits within which inputs are valid, and thresholds of the assistant.
+
+    All but `reach` are fields of `BrakeAssistConfiguration` with the same name.
 
     Attributes:
-        maximum_step_ns: limit on the time between two demands [ns].
-        timeout_ns: limit on the age of a twist [ns].
+        maximum_time_step: limit on the time between two demands or two twists [s].
+        feedback_timeout: limit on the age of a reading [s].
         maximum_speed_deviation: limit on the standard deviation of the velocity [m/s].
         maximum_yaw_rate_deviation: limit on the standard deviation of the yaw rate [rad/s].
         maximum_speed: limit on the speed [m/s].
@@ -61,13 +63,19 @@ class Limits(NamedTuple):
         speed_noise: change of the velocity between two twists that noise may cause [m/s].
         yaw_rate_noise: change of the yaw rate between two twists that noise may cause [rad/s].
         frozen_time: duration after which an unchanged twist is invalid [s], 0 for never.
-        speed_threshold: speed below which an unchanged twist remains valid [m/s].
+        speed_threshold: speed of the fastest wheel center below which all brakes act, and an
+            unchanged twist remains valid [m/s].
+        speed_hysteresis: amount by which the speed must rise above this threshold before brakes are
+            released again [m/s].
+        pedal_threshold: smallest pedal position at which the driver is regarded as braking [1].
+        minimum_reference_speed: speed at the start of braking below which no line of motion is
+            stored [m/s].
         reach: distance of the farthest wheel from the center of the wheels [m].
         recovery_count: number of consecutive valid twists that opens the gate.
     """
 
-    maximum_step_ns: int
-    timeout_ns: int
+    maximum_time_step: float
+    feedback_timeout: float
     maximum_speed_deviation: float
     maximum_yaw_rate_deviation: float
     maximum_speed: float
@@ -78,6 +86,9 @@ class Limits(NamedTuple):
     yaw_rate_noise: float
     frozen_time: float
     speed_threshold: float
+    speed_hysteresis: float
+    pedal_threshold: float
+    minimum_reference_speed: float
     reach: float
     recovery_count: int
 
@@ -94,12 +105,7 @@ def make_limits(configuration: BrakeAssistConfiguration, reach: float) -> Limits
         for name in Limits._fields
         if hasattr(configuration, name)
     }
-    return Limits(
-        maximum_step_ns=round(configuration.maximum_time_step * SECOND_NS),
-        timeout_ns=round(configuration.feedback_timeout * SECOND_NS),
-        reach=reach,
-        **same,
-    )
+    return Limits(reach=reach, **same)
 
 
 @lean
@@ -121,18 +127,15 @@ def close_gate(gate: Any, check: int, value: float, limit: float, within: float)
 
 
 class Others(NamedTuple):
-    """Wheel speeds and IMU reading, as stored after their check, and their last changes.
+    """Yaw rate, specific force and wheel speeds [rad/s, m/s^2, rad/s], with their last changes.
 
     Attributes:
-        speeds: wheel speeds [rad/s], NaN where not received, shape (N,).
-        inertial: yaw rate [rad/s] and specific force [m/s^2], NaN where not received, shape (3,).
-        seen: yaw rate, specific force and wheel speeds when they last changed, in the same units,
-            shape (3 + N,).
+        values: readings after their check, NaN where not received, shape (3 + N,).
+        seen: readings when they last changed, shape (3 + N,).
         changed_ns: times of these changes [ns], shape (3 + N,).
     """
 
-    speeds: FloatArray
-    inertial: FloatArray
+    values: FloatArray
     seen: FloatArray
     changed_ns: IntArray
 
@@ -163,32 +166,31 @@ def check_others(
     Returns:
         Whether there is a recent and complete IMU reading; whether a reading has just become stuck.
     """
-    speeds, inertial, seen, changed_ns = others
-    known = _is_recent(now_ns, limits.timeout_ns, wheels.validity, wheels.stamp_ns)
+    inertial, speeds = others.values[:3], others.values[3:]
+    known = _is_recent(limits, now_ns, wheels.validity, wheels.stamp_ns)
     for i in range(speeds.size):
         plausible = abs(rim[i] * wheels.speed[i]) <= limits.maximum_speed
         speeds[i] = wheels.speed[i] if known and plausible else math.nan
-    known = _is_recent(now_ns, limits.timeout_ns, imu.validity, imu.stamp_ns)
+    known = _is_recent(limits, now_ns, imu.validity, imu.stamp_ns)
     plausible = abs(imu.yaw_rate) <= limits.maximum_yaw_rate
     inertial[0] = imu.yaw_rate if known and plausible else math.nan
     for j in range(2):
         plausible = abs(imu.acceleration[j]) <= limits.maximum_acceleration
         inertial[j + 1] = imu.acceleration[j] if known and plausible else math.nan
-    stuck = drop_frozen(limits, seen[:3], changed_ns[:3], gate.now_ns, now_ns, inertial)
-    stuck |= drop_frozen(limits, seen[3:], changed_ns[3:], gate.now_ns, now_ns, speeds)
+    stuck = drop_frozen(limits, others, gate.now_ns, now_ns)
     return math.isfinite(inertial[0] + inertial[1] + inertial[2]), stuck
 
 
 @lean
-def _is_recent(now_ns: int, timeout_ns: int, validity: int, stamp_ns: int) -> bool:
-    """Return whether a reading is valid and its stamp is within `timeout_ns` of `now_ns`."""
-    return bool(validity == VALID and abs(since(now_ns, stamp_ns)) <= timeout_ns)
+def _is_recent(limits: Limits, now_ns: int, validity: int, stamp_ns: int) -> bool:
+    """Return whether a reading is valid and its stamp is near `now_ns`."""
+    return bool(validity == VALID and abs(since(now_ns, stamp_ns)) / 1e9 <= limits.feedback_timeout)
 
 
 @lean
 def check_twist(
     limits: Limits, gate: Any, now_ns: int, sample: TwistSample, braking: bool, weighed: bool
-) -> tuple[bool, float]:
+) -> bool:
     """Check the stamp of a demand and the latest twist, and open or close the gate.
 
     Args:
@@ -202,18 +204,8 @@ def check_twist(
             of the twist are not limited here.
 
     Returns:
-        Whether this twist is valid; time since the last demand, 0 if time ran backwards [s]. The
-        gate is open only if ``gate.cause == GOOD``.
+        Whether this twist is valid. The gate is open only if ``gate.cause == GOOD``.
     """
-    elapsed = max(since(now_ns, gate.now_ns) * 1e-9, 0.0)
-    return _is_valid(limits, gate, now_ns, sample, braking, weighed), elapsed
-
-
-@lean
-def _is_valid(
-    limits: Limits, gate: Any, now_ns: int, sample: TwistSample, braking: bool, weighed: bool
-) -> bool:
-    """Return whether a twist is valid, and open or close the gate, as in `check_twist`."""
     if not _in_time(limits, gate, now_ns):
         gate.known = False
         return False
@@ -260,7 +252,7 @@ def _in_time(limits: Limits, gate: Any, now_ns: int) -> bool:
     gate.now_ns = now_ns
     return bool(
         _within(gate, conditions.DEMAND_BACK, -step, 0.0, 0.0)
-        and _within(gate, conditions.DEMAND_LEAP, step, limits.maximum_step_ns / 1e9, 0.0)
+        and _within(gate, conditions.DEMAND_LEAP, step, limits.maximum_time_step, 0.0)
     )
 
 
@@ -285,7 +277,7 @@ def _is_fresh(limits: Limits, gate: Any, now_ns: int, stamp_ns: int) -> bool:
     The difference between the stamp and `now_ns` must not exceed the timeout. The stamp must not be
     earlier than the stamp of the last valid twist.
     """
-    age, timeout = since(now_ns, stamp_ns) / 1e9, limits.timeout_ns / 1e9
+    age, timeout = since(now_ns, stamp_ns) / 1e9, limits.feedback_timeout
     earlier = since(gate.last_ns, stamp_ns) / 1e9 if gate.known else 0.0
     return bool(
         _within(gate, conditions.STALE, age, timeout, 0.0)
@@ -348,10 +340,9 @@ def _is_alive(limits: Limits, gate: Any, sample: TwistSample, braking: bool) -> 
 def _follows(limits: Limits, gate: Any, sample: TwistSample) -> bool:
     """Return whether a twist is physically possible after the last valid twist."""
     stamp_ns, twist = sample.stamp_ns, sample.value
-    elapsed = since(stamp_ns, gate.last_ns)
-    if not gate.known or elapsed > limits.maximum_step_ns:
+    dt = since(stamp_ns, gate.last_ns) / 1e9
+    if not gate.known or dt > limits.maximum_time_step:
         return True  # after this long, any change is possible
-    dt = elapsed / 1e9
     # The body axes have rotated since the last valid twist. Its velocity is therefore transformed
     # to the axes of the new sample; otherwise the rotation would look like an acceleration.
     angle = (gate.yaw_rate + twist[2]) / 2 * dt
@@ -368,49 +359,28 @@ def _follows(limits: Limits, gate: Any, sample: TwistSample) -> bool:
 
 
 @lean
-def alive(
-    limits: Limits, seen: FloatArray, changed_ns: IntArray, j: int, now_ns: int, value: float
-) -> float:
-    """Return a reading, or NaN if it has not changed for `frozen_time`, as that of a stuck sensor.
+def drop_frozen(limits: Limits, others: Others, last_ns: int, now_ns: int) -> bool:
+    """Replace each reading that has not changed for `frozen_time`, as of a stuck sensor, by NaN.
 
     A reading of 0 may be constant, because a locked wheel does not turn.
 
     Args:
         limits: limits within which inputs are valid.
-        seen: value of each reading when it last changed, changed in place.
-        changed_ns: times of these changes, changed in place [ns].
-        j: index of the reading.
+        others: readings, changed in place.
+        last_ns: time of the last step [ns].
         now_ns: present time [ns].
-        value: the reading, NaN if it is missing.
+
+    Returns:
+        Whether any of these readings was not yet replaced in the last step.
     """
-    if value == 0.0 or not abs(value - seen[j]) < _RESOLUTION:
-        seen[j], changed_ns[j] = value, now_ns
-    frozen = since(now_ns, changed_ns[j]) / 1e9
-    return math.nan if 0.0 < limits.frozen_time < frozen else value
-
-
-@lean
-def drop_frozen(
-    limits: Limits,
-    seen: FloatArray,
-    changed_ns: IntArray,
-    last_ns: int,
-    now_ns: int,
-    values: FloatArray,
-) -> bool:
-    """Replace each reading that `alive` rejects by NaN; return whether any of them is new.
-
-    A reading is new if it was not yet rejected at the last step. The arguments are those of
-    `alive`, for all readings, and the time of the last step, `last_ns`; `values` is changed in
-    place.
-    """
-    stuck = False
+    stuck, (values, seen, changed_ns) = False, others
     for j in range(values.size):
-        frozen = since(last_ns, changed_ns[j]) / 1e9
-        value = alive(limits, seen, changed_ns, j, now_ns, values[j])
-        rejected = math.isfinite(values[j]) and math.isnan(value)
-        stuck = stuck or (rejected and frozen <= limits.frozen_time)
-        values[j] = value
+        before = since(last_ns, changed_ns[j]) / 1e9
+        if values[j] == 0.0 or not abs(values[j] - seen[j]) < _RESOLUTION:
+            seen[j], changed_ns[j] = values[j], now_ns
+        if 0.0 < limits.frozen_time < since(now_ns, changed_ns[j]) / 1e9:
+            stuck = stuck or before <= limits.frozen_time
+            values[j] = math.nan
     return stuck
 
 

@@ -69,21 +69,22 @@ def sources(memory: Memory, kinematics: PlatformKinematics, detects: bool) -> tu
             MISSING.
     """
     best, gate = int(memory.bank.record[0]["best"]), memory.gate[0]
+    inertial, speeds = memory.others.values[:3], memory.others.values[3:]
     along, across, gyro = map(float, memory.bank.ratio)
     force = along + across
     twist = force + gyro
     found = [_source("twist", twist, isolated=best in (*bank.TWIST_FAULTS, bank.NO_ESTIMATE))]
     if found[0].state == ISOLATED and not memory.bank.record[0]["pressed"]:
-        rolling, (x, y) = kinematics.twist(memory.speeds), kinematics.geometry.center
+        rolling, (x, y) = kinematics.twist(speeds), kinematics.geometry.center
         rolling[:2] += rolling[2] * np.array([-y, x])  # of the center of the wheels, as `gate`
         found[0] = found[0]._replace(reason=_disagreement(gate, rolling))
     if gate["cause"] not in conditions.INPUTS_VALID:
         state = LOST if gate["cause"] in _NO_TWIST else REJECTED
         found[0] = Source("twist", twist, state, CONDITIONS[int(gate["cause"])].state.value)
-    partial = bool(np.any(np.isfinite(memory.inertial)))
+    partial = bool(np.any(np.isfinite(inertial)))
     for name, ratio, out, reading in (
-        ("gyro", gyro, bank.NO_GYRO, memory.inertial[0]),
-        ("accelerometer", force, bank.NO_FORCE, memory.inertial[1]),
+        ("gyro", gyro, bank.NO_GYRO, inertial[0]),
+        ("accelerometer", force, bank.NO_FORCE, inertial[1]),
     ):
         missing = not math.isfinite(reading)
         source = _source(name, ratio, isolated=best in (out, NO_IMU), missing=missing)
@@ -93,7 +94,7 @@ def sources(memory: Memory, kinematics: PlatformKinematics, detects: bool) -> tu
         found.append(source._replace(state=LOST) if lost else source)
     for i, name in enumerate(kinematics.geometry.names):
         ratio = float(memory.bank.wheel_ratio[i])
-        missing = not math.isfinite(memory.speeds[i])
+        missing = not math.isfinite(speeds[i])
         wheel = _source(name, ratio, isolated=memory.bank.faulty[best, i] > FAULTY, missing=missing)
         braked = wheel.state == FUSED and math.isnan(ratio)
         state = BRAKED if braked else LOST if missing and detects else wheel.state

@@ -22,7 +22,7 @@ from made_demands import (
 from omni_brake_assist.brake_assist import BrakeAssist, BrakeDemand
 from omni_brake_assist.conditions import AssistState
 from omni_brake_assist.configuration import BrakeAssistConfiguration
-from omni_brake_assist.fail_safe import alive, drop_frozen, make_limits
+from omni_brake_assist.fail_safe import Others, drop_frozen, make_limits
 from omni_core.signals import TwistSample
 
 
@@ -195,10 +195,11 @@ def test_a_reading_that_never_changes_is_missing(
 ) -> None:
     """A locked wheel may read 0 for the whole stop."""
     limits = make_limits(BrakeAssistConfiguration(wheels=mecanum), 1.0)
-    seen, changed_ns = np.zeros(1), np.zeros(1, np.int64)
-    found = [
-        alive(limits, seen, changed_ns, 0, k * PERIOD_NS, first + k * change) for k in range(40)
-    ]
+    others, found = Others(np.zeros(1), np.zeros(1), np.zeros(1, np.int64)), []
+    for k in range(40):
+        others.values[0] = first + k * change
+        drop_frozen(limits, others, (k - 1) * PERIOD_NS, k * PERIOD_NS)
+        found.append(others.values[0])
     frozen = np.isnan(found)
     assert not np.any(frozen[: round(limits.frozen_time * 1e9 / PERIOD_NS)])
     assert bool(frozen[-1]) is missing
@@ -207,14 +208,12 @@ def test_a_reading_that_never_changes_is_missing(
 def test_a_reading_is_newly_stuck_once(mecanum: Wheels) -> None:
     """The second reading becomes stuck in the step in which the first one recovers."""
     limits = make_limits(BrakeAssistConfiguration(wheels=mecanum), 1.0)
-    seen, changed_ns = np.zeros(3), np.zeros(3, np.int64)
+    others = Others(np.zeros(3), np.zeros(3), np.zeros(3, np.int64))
     stuck, missing = [], []
     for k in range(60):
-        values = np.array([2.0 if k < 30 else 3.0 + 1e-3 * k, 2.0, np.nan])
-        values[1] += 1e-3 * min(k, 9)
-        last_ns, now_ns = (k - 1) * PERIOD_NS, k * PERIOD_NS
-        stuck.append(drop_frozen(limits, seen, changed_ns, last_ns, now_ns, values))
-        missing.append(np.isnan(values[:2]))
+        others.values[:] = 2.0 if k < 30 else 3.0 + 1e-3 * k, 2.0 + 1e-3 * min(k, 9), np.nan
+        stuck.append(drop_frozen(limits, others, (k - 1) * PERIOD_NS, k * PERIOD_NS))
+        missing.append(np.isnan(others.values[:2]))
     assert [k for k, new in enumerate(stuck) if new] == [21, 30]
     assert np.array_equal(np.flatnonzero(np.array(missing)[:, 0]), np.arange(21, 30))
     assert np.array_equal(np.flatnonzero(np.array(missing)[:, 1]), np.arange(30, 60))

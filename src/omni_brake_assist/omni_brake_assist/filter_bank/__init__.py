@@ -26,24 +26,22 @@ center of the wheels, to which the twist and the position ``p`` of the IMU also 
 To make their likelihoods comparable, all hypotheses explain the same readings. A reading of a
 faulty source is modeled as a random walk from the last reading, whose steps are as large as the
 vehicle's motion allows, or as their mean square over the last 0.1 s, if this is larger. An error
-that changes its sign at every reading has a mean of 0, but such a large mean square. In a
-stop, a gyro reading that equals the last one, and wheel speeds that all do, contain no new
-information. A wheel is
-modeled as a mixture of rolling, sliding, locked and a faulty encoder. The prior probabilities of
-these cases depend on the state of the brake. The slip of a released wheel only falls. A rim slows
-down no faster than its brake can stop it; this limit is used only with the law `allocation`, whose
-configuration describes brakes and wheels. While the slip of a braked wheel changes slowly, it falls
-at least by the same share as the torque of the brake. The probability of each hypothesis, and the
-probabilities of faulty encoders under it, are updated by Bayes' rule with a constant transition
-probability (Blom and Bar-Shalom 1988). These probabilities alone decide which source is isolated
-and when it recovers.
+that changes its sign at every reading has a mean of 0, but such a large mean square. In a stop, a
+gyro reading that equals the last one, and wheel speeds that all do, contain no new information. A
+wheel is modeled as a mixture of rolling, sliding, locked and a faulty encoder. The prior
+probabilities of these cases depend on the state of the brake. The slip of a released wheel only
+falls. While the slip of a braked wheel changes slowly, it falls at least by the same share as the
+torque of the brake. The probability of each hypothesis, and the probabilities of faulty encoders
+under it, are updated by Bayes' rule with a constant transition probability (Blom and Bar-Shalom
+1988). These probabilities alone decide which source is isolated and when it recovers.
 
-The filter of the most probable hypothesis gives the estimate. A component of a fused twist replaces
-the same component of the estimate if it has a smaller variance. No estimate exists in three cases:
-too many sources are faulty; the variance is too large; or the twist is isolated, and the IMU gives
-no reading or, unless only its yaw rate is isolated, no released wheel rolls. All brakes then act;
-in the first and the third case, they act until the pedal is released. Without an IMU, only the
-wheels can show that the twist is faulty.
+The filter of the most probable hypothesis gives the estimate. The filter of all sources, and with
+the pedal up every filter, follows it with a time constant, as in interacting multiple models. A
+component of a fused twist replaces the same component of the estimate if it has a smaller variance.
+No estimate exists in three cases: too many sources are faulty; the variance is too large; or the
+twist is isolated, and the IMU gives no reading. All brakes then act; in the first and the third
+case, they act until the pedal is released. Without an IMU, only the wheels can show that the twist
+is faulty.
 
 A reading that does not change for long is missing from then on. It was wrong before, and may have
 isolated the twist: if the twist is isolated, or too many sources seem faulty, all filters are then

@@ -10,9 +10,6 @@ from omni_core.kernels import lean
 from omni_core.quantities import FloatArray
 from omni_core.signals import VALID, TwistSample
 
-_UNSUPPORTED = 0.2  # limit on the time without a rolling released wheel if there is no twist [s]
-_MIXING_TIME = 0.5  # time constant with which the other filters follow the best one, pedal up [s]
-
 
 @lean
 def estimate(
@@ -37,7 +34,7 @@ def estimate(
         Number of the most probable hypothesis, whose filter gave the estimate, or NO_ESTIMATE.
     """
     record = memory.record[0]
-    elapsed = (now_ns - memory.stamps[memory.newest[0]]) * 1e-9
+    elapsed = (now_ns - memory.rows[memory.newest[0]].stamp_ns) * 1e-9
     braking = readings.pedal > 0.0
     received = twist.validity == VALID
     first = received and _is_first(memory, readings, braking)
@@ -47,10 +44,10 @@ def estimate(
             return bank.NO_ESTIMATE
         bank.begin(constants, memory, now_ns, twist)
         elapsed = 0.0
-    record.lag = readings.lag
-    _press(constants, memory, braking)
-    _restart(memory, now_ns)
-    memory.evidence[:] = 0.0
+    if record.pressed and not braking:  # the next stop begins with the priors
+        bank.reset_posterior(constants, memory)
+    record.pressed = braking
+    memory.evidence[:], record.lag = 0.0, readings.lag
     _store(constants, memory, now_ns, readings)
     valid_ns = twist.stamp_ns - constants.delay
     fresh = received and valid_ns > record.twist_ns
@@ -62,8 +59,8 @@ def estimate(
     if record.known:
         _update_posterior(constants, memory, elapsed)
     record.known = record.known or fresh
-    if not braking and record.best != bank.NO_ESTIMATE:
-        _mix(memory, record.best, min(elapsed / _MIXING_TIME, 1.0))
+    if record.best != bank.NO_ESTIMATE:
+        _mix(memory, record.best, braking, min(elapsed * 1e9 / bank.WINDOW_NS, 1.0))
     if _is_lost(memory):
         return bank.NO_ESTIMATE
     if not record.equipped:
@@ -90,15 +87,6 @@ def _is_first(memory: BankMemory, readings: bank.Readings, braking: bool) -> boo
 
 
 @lean
-def _press(constants: BankConstants, memory: BankMemory, braking: bool) -> None:
-    """Note whether the pedal is down; after a stop the hypotheses have their priors again."""
-    record = memory.record[0]
-    if record.pressed and not braking:
-        bank.reset_posterior(constants, memory)
-    record.pressed = braking
-
-
-@lean
 def _add_precise(
     constants: BankConstants, memory: BankMemory, now_ns: int, best: int, answer: FloatArray
 ) -> None:
@@ -114,26 +102,6 @@ def _add_precise(
 
 
 @lean
-def _restart(memory: BankMemory, now_ns: int) -> None:
-    """While a source is isolated, periodically copy the best filter to the filter of all sources.
-
-    If the isolated source has recovered, it agrees with the copied state. The hypothesis that no
-    source is faulty then becomes the most probable one again.
-    """
-    record = memory.record[0]
-    if record.best in (bank.ALL, bank.NO_ESTIMATE):
-        record.restart_ns = now_ns
-    elif now_ns - record.restart_ns > bank.WINDOW_NS:
-        record.restart_ns = now_ns
-        for i in range(memory.rim.size):
-            memory.faulty[bank.ALL, i] = memory.faulty[record.best, i]
-        for i in range(STATES):
-            memory.state[bank.ALL, i] = memory.state[record.best, i]
-            for j in range(STATES):
-                memory.covariance[bank.ALL, i, j] = memory.covariance[record.best, i, j]
-
-
-@lean
 def _store(
     constants: BankConstants, memory: BankMemory, now_ns: int, readings: bank.Readings
 ) -> None:
@@ -142,34 +110,31 @@ def _store(
     The buffer is full if the steps are shorter than the control period. The filters then use the
     oldest readings before these are overwritten, and wait less for a late twist.
     """
-    row, size = (memory.newest[0] + 1) % memory.stamps.size, memory.stamps.size
+    size = memory.rows.size
+    row = (memory.newest[0] + 1) % size
     if row == memory.newest[1]:
-        _advance(constants, memory, memory.stamps[(row + 1) % size])
-    memory.newest[0] = row
-    memory.stamps[row] = now_ns
-    stored, n = memory.rows[row], memory.released.size
-    stored[bank.ROW_PEDAL], stored[bank.ROW_FRESH] = readings.pedal, readings.fresh
-    stored[bank.ROW_AGE] = readings.age
+        _advance(constants, memory, memory.rows[(row + 1) % size].stamp_ns)
+    memory.newest[0], stored = row, memory.rows[row]
+    stored.stamp_ns, stored.pedal = now_ns, readings.pedal
+    stored.fresh, stored.age = readings.fresh, readings.age
     for j in range(3):
-        stored[bank.ROW_IMU + j] = readings.inertial[j]
-    for i in range(n):
-        stored[bank.ROW_WHEELS + i] = readings.speeds[i]
-        stored[bank.ROW_WHEELS + n + i] = readings.enable[i]
+        stored.inertial[j] = readings.inertial[j]
+    for i in range(readings.speeds.size):
+        memory.wheel_rows[row, 0, i] = readings.speeds[i]
+        memory.wheel_rows[row, 1, i] = readings.enable[i]
 
 
 @lean
 def _advance(constants: BankConstants, memory: BankMemory, target_ns: int) -> None:
     """Predict the filters to a given time, and correct them with all readings up to that time."""
-    record, wheels = memory.record[0], bank.ROW_WHEELS + memory.released.size
+    record, size = memory.record[0], memory.rows.size
     while record.horizon_ns < target_ns and memory.newest[1] != memory.newest[0]:
-        before, row = memory.newest[1], (memory.newest[1] + 1) % memory.stamps.size
-        reading, stamp_ns = memory.rows[row], memory.stamps[row]
-        pedal, rate = reading[bank.ROW_PEDAL], reading[bank.ROW_IMU]
-        f_x, f_y = reading[bank.ROW_IMU + 1], reading[bank.ROW_IMU + 2]
+        before_ns, row = memory.rows[memory.newest[1]].stamp_ns, (memory.newest[1] + 1) % size
+        reading = memory.rows[row]
+        stamp_ns, pedal, (rate, f_x, f_y) = reading.stamp_ns, reading.pedal, reading.inertial
         until_ns = min(stamp_ns, target_ns)
         dt = (until_ns - record.horizon_ns) * 1e-9
-        first = memory.stamps[before] < 0
-        step = constants.period if first else (stamp_ns - memory.stamps[before]) * 1e-9
+        step = constants.period if before_ns < 0 else (stamp_ns - before_ns) * 1e-9
         if stamp_ns > target_ns:  # the time of the twist is between two readings
             share = (until_ns - record.horizon_ns) / (stamp_ns - record.horizon_ns)
             rate = record.gyro + share * (rate - record.gyro)
@@ -178,8 +143,8 @@ def _advance(constants: BankConstants, memory: BankMemory, target_ns: int) -> No
         record.unmeasured += dt
         record.inertial = math.isfinite(rate + f_x + f_y)
         record.equipped = record.equipped or record.inertial
-        record.held = reading[bank.ROW_AGE] if record.inertial else 0.0
-        if math.isfinite(rate) and reading[bank.ROW_FRESH] > 0.0:
+        record.held = reading.age if record.inertial else 0.0
+        if math.isfinite(rate) and reading.fresh:
             # A reading that equals the last one in a stop is no evidence, but remains the best one.
             new = not (pedal > 0.0 and rate == record.gyro != 0.0)
             filters.fuse_gyro(constants, memory, record.unmeasured if new else 0.0, rate)
@@ -189,7 +154,7 @@ def _advance(constants: BankConstants, memory: BankMemory, target_ns: int) -> No
             return
         memory.newest[1] = row
         record.braked = record.braked + step if pedal > 0.0 else 0.0
-        enable, speeds = reading[wheels:], reading[bank.ROW_WHEELS : wheels]
+        speeds, enable = memory.wheel_rows[row, 0], memory.wheel_rows[row, 1]
         fuse_wheels(constants, memory, step, pedal, enable, speeds, math.hypot(f_x, f_y))
         filters.weigh_braking(constants, memory, step, pedal)
 
@@ -198,18 +163,12 @@ def _advance(constants: BankConstants, memory: BankMemory, target_ns: int) -> No
 def _is_lost(memory: BankMemory) -> bool:
     """Return whether too few working sources remain to determine the motion.
 
-    If fewer than two encoders appear fault-free, the estimate itself must be wrong, because several
-    encoders do not fail at the same time. If the twist or a part of it is isolated, or no twist has
-    been received, the IMU must measure the motion. Unless only the yaw rate of the twist is
-    isolated, a released wheel must also roll while brakes are released.
+    If the twist or a part of it is isolated, or no twist has been received, the IMU must measure
+    the motion.
     """
-    record, left = memory.record[0], 0
-    for probability in memory.faulty[record.best]:
-        left += 1 if probability <= bank.FAULTY else 0
-    supported = record.best == bank.NO_RATE or record.unsupported < _UNSUPPORTED
+    record = memory.record[0]
     without = record.best in bank.TWIST_FAULTS or not record.received
-    without = without and not (record.inertial and supported)
-    return bool(record.best == bank.NO_ESTIMATE or without or (left < 2 and record.pressed))
+    return bool(record.best == bank.NO_ESTIMATE or (without and not record.inertial))
 
 
 @lean
@@ -239,15 +198,15 @@ def _update_posterior(constants: BankConstants, memory: BankMemory, dt: float) -
 
 
 @lean
-def _mix(memory: BankMemory, best: int, weight: float) -> None:
-    """Mix each filter with the best filter, so that no filter drifts while the pedal is up.
+def _mix(memory: BankMemory, best: int, braking: bool, weight: float) -> None:
+    """Mix the filter of all sources, and with the pedal up every filter, with the best filter.
 
-    In the mean and in the covariance of the mixture, the filter `best` has the given weight.
+    In the mean and in the covariance of the mixture, the filter `best` has the given weight. An
+    isolated source that recovers thus agrees with the filter of all sources, and no filter drifts
+    while the pedal is up.
     """
     there, p_there = memory.state[best], memory.covariance[best]
-    for k in range(bank.FILTERS):
-        if k == best:
-            continue
+    for k in range(bank.ALL + 1 if braking else bank.FILTERS):
         here, p_here = memory.state[k], memory.covariance[k]
         for i in range(STATES):
             for j in range(STATES):
@@ -297,13 +256,13 @@ def _answer(constants: BankConstants, memory: BankMemory, best: int, answer: Flo
         state[i] = memory.state[best, i]
     row, before_ns = memory.newest[1], record.horizon_ns
     while row != memory.newest[0]:
-        row = (row + 1) % memory.stamps.size
-        reading, dt = memory.rows[row], (memory.stamps[row] - before_ns) * 1e-9
-        before_ns = memory.stamps[row]
-        gyro = reading[bank.ROW_IMU]
+        row = (row + 1) % memory.rows.size
+        reading = memory.rows[row]
+        dt, before_ns = (reading.stamp_ns - before_ns) * 1e-9, reading.stamp_ns
+        gyro = reading.inertial[0]
         if best not in (bank.NO_GYRO, bank.NO_IMU) and math.isfinite(gyro):
             state[RATE] = gyro - state[bank.BIAS_RATE]
-        filters.propagate(state, best, dt, reading[bank.ROW_IMU + 1], reading[bank.ROW_IMU + 2])
+        filters.propagate(state, best, dt, reading.inertial[1], reading.inertial[2])
     answer[0] = state[U_X] + state[RATE] * constants.p_y
     answer[1] = state[U_Y] - state[RATE] * constants.p_x
     answer[2] = state[RATE]

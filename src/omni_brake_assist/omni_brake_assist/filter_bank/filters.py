@@ -314,19 +314,20 @@ def weigh_braking(
         dt: length of the step [s].
         pedal: the driver's brake demand, 0 to 1.
     """
-    record, speeds, row = memory.record[0], memory.filter_speeds, memory.newest[1]
-    first, size, oldest_ns = row, memory.stamps.size, memory.stamps[row] - bank.WINDOW_NS
-    while memory.stamps[first] > oldest_ns and (first - 1) % size != row:
+    record, rows, row = memory.record[0], memory.rows, memory.newest[1]
+    first, size, newest = row, rows.size, rows[row]
+    while rows[first].stamp_ns > newest.stamp_ns - bank.WINDOW_NS and (first - 1) % size != row:
         first = (first - 1) % size
     weight = new_information(dt, constants.wheel_correlation_time)
     for k in range(bank.FILTERS):
         speed = math.hypot(memory.state[k, U_X], memory.state[k, U_Y])
-        speeds[row, k] = max(speed - constants.swing, 0.0)
-    time = (memory.stamps[row] - memory.stamps[first]) * 1e-9
+        newest.speed[k] = max(speed - constants.swing, 0.0)
+    earlier = rows[first]
+    time = (newest.stamp_ns - earlier.stamp_ns) * 1e-9
     if record.braked < time + constants.spin_up or not record.equipped:
         return
     for k in range(bank.FILTERS):
-        least = min(constants.least_loss * pedal * time, 0.5 * speeds[first, k])
-        missing = max(least - (speeds[first, k] - speeds[row, k]), 0.0)
+        least = min(constants.least_loss * pedal * time, 0.5 * earlier.speed[k])
+        missing = max(least - (earlier.speed[k] - newest.speed[k]), 0.0)
         memory.evidence[k] -= weight * 0.5 * (missing / bank.WHEEL) ** 2
     memory.evidence[bank.NO_ESTIMATE] -= weight

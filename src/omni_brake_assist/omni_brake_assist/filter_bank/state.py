@@ -15,7 +15,7 @@ from omni_core.signals import VALID, TwistSample
 # Hypotheses on which source is faulty. Each hypothesis except NO_ESTIMATE has a filter that does
 # not use this source.
 ALL, NO_TWIST, NO_VELOCITY, NO_RATE, NO_GYRO, NO_FORCE, NO_IMU, NO_ESTIMATE = range(8)
-FILTERS, HYPOTHESES = 7, 8
+FILTERS, HYPOTHESES = NO_ESTIMATE, NO_ESTIMATE + 1
 DEAD_RECKONING = NO_TWIST, NO_VELOCITY
 """Hypotheses under which only the IMU and the wheels measure the velocity."""
 TWIST_FAULTS = *DEAD_RECKONING, NO_RATE
@@ -23,26 +23,23 @@ TWIST_FAULTS = *DEAD_RECKONING, NO_RATE
 
 # Components of the state: velocity at the mounting point of the IMU, yaw rate, biases of gyro and
 # accelerometer, relative error of the wheel radii, offset of the twist's yaw rate.
-U_X, U_Y, RATE, BIAS_RATE, BIAS_X, BIAS_Y, SCALE, OFFSET = range(8)
-STATES = 8
-
-ROW_PEDAL, ROW_IMU, ROW_FRESH, ROW_AGE, ROW_WHEELS = 0, 1, 4, 5, 6
-"""Index of the first column of the pedal, the IMU, `Readings.fresh`, `Readings.age` and the wheels
-in a row of stored readings."""
+U_X, U_Y, RATE, BIAS_RATE, BIAS_X, BIAS_Y, SCALE, OFFSET, STATES = range(9)
 
 GYRO = 3
 """Index of the gyro in `BankMemory.spread`; the components of the twist precede it."""
 
 WINDOW_NS = 100_000_000
 """Time over which the variance of readings and the decrease of the speed are measured; also the
-shortest time between two restarts of the filter with all sources [ns]."""
+time constant with which filters follow the best one [ns]."""
+
+DEAD = 0.5
+"""Share of the faulty encoders that read 0, because power, cable or pulse wheel is lost [1]."""
 
 FAULTY = 0.5
 """Probability that an encoder is faulty above which the encoder is isolated [1]."""
 
 WHEEL = 0.03  # standard deviation of a rolling rim's speed and a fault-free twist's velocity [m/s]
 SHARE = 0.005  # additional standard deviation of these speeds and of yaw rates, per reading [1]
-MODEL_ERROR = 2.0  # largest error of the ratio of nominal brake torque to wheel inertia [1]
 RELEASED = 0.05  # a brake with at most this enable counts as released [1]
 UNKNOWN_LAG = 0.05  # dead time of brakes that is assumed while there is no estimate of it [s]
 LEAST_FRICTION = 3.0  # deceleration with a friction coefficient of 0.3 if all wheels brake [m/s^2]
@@ -67,10 +64,20 @@ BANK = np.dtype(
         ("held", "f8"),
         ("braked", "f8"),  # time since the pedal was pressed [s]
         ("lag", "f8"),  # estimated dead time of the brakes in excess of the configured one [s]
-        ("unsupported", "f8"),  # time for which no wheel has rolled although one could [s]
-        ("restart_ns", "i8"),  # time of the last restart of the filter of all sources [ns]
         ("best", "i8"),  # most probable hypothesis
         ("kept", "i8"),  # hypothesis whose estimate `BankMemory.precise` corrects
+    ]
+)
+
+_ROW = np.dtype(
+    [
+        ("stamp_ns", "i8"),  # stamp of the step, -1 before the start [ns]
+        ("pedal", "f8"),  # these fields are those of `Readings`
+        ("inertial", "f8", 3),
+        ("fresh", "?"),
+        ("age", "f8"),
+        # Speed of each filter minus `BankConstants.swing`, at least 0 [m/s].
+        ("speed", "f8", FILTERS),
     ]
 )
 
@@ -149,8 +156,8 @@ class BankConstants(NamedTuple):
             [m/s].
         period: control period [s].
         rows: number of control steps whose readings are stored.
-        drop: largest deceleration of the rim of each wheel by its brake, inf if the configuration
-            need not describe brakes and wheels [m/s^2], shape (N,).
+        dead: `DEAD`, or 0 with the law `sliding_mode`, which can leave a brake released that is
+            stuck [1].
     """
 
     n_x: FloatArray
@@ -170,7 +177,7 @@ class BankConstants(NamedTuple):
     least_loss: float
     period: float
     rows: int
-    drop: FloatArray
+    dead: float
     force: float = 0.02
     walk: float = 1.0
     turn: float = 3.0
@@ -210,10 +217,6 @@ class BankMemory(NamedTuple):
             possible torque [1], shape (N,).
         slip: slip of each wheel at that torque, as a share of the rim's speed in rolling [1],
             shape (N,).
-        pressure: largest possible torque of each brake, as a share of the largest torque [1],
-            shape (N,).
-        slowest: lowest speed of each rim that the torque of its brake permits after the last
-            readings [m/s], shape (N,).
         faulty: probability under each hypothesis that the encoder of a wheel is faulty [1],
             shape (8, N); 0 under NO_ESTIMATE.
         wheel_ratio: test ratio of each wheel, NaN while it slides [1], shape (N,).
@@ -222,12 +225,8 @@ class BankMemory(NamedTuple):
             shape (3,).
         spread: mean squares of the changes of the twist's components [m^2/s^2, m^2/s^2, rad^2/s^2]
             and of the gyro [rad^2/s^2] between two readings, over about `WINDOW_NS`, shape (4,).
-        filter_speeds: speed of each of the 7 filters at the stored readings, minus
-            `BankConstants.swing`, at least 0 [m/s], shape (R, 7).
-        rows: readings of the past steps, a ring buffer; each row contains pedal, yaw rate,
-            specific force (x, y), 1 for a new yaw rate, age of the IMU reading, N wheel speeds and
-            N enables, shape (R, 6 + 2 N).
-        stamps: stamps of these readings [ns], -1 for readings before the start, shape (R,).
+        rows: readings of the past steps except those of the wheels, a ring buffer, shape (R,).
+        wheel_rows: wheel speeds [rad/s] and enables [1] of these steps, shape (R, 2, N).
         newest: row of the newest reading, and row of the newest reading that the filters have used,
             shape (2,).
         h: direction in the state space that a measurement observes, shape (8,).
@@ -248,16 +247,13 @@ class BankMemory(NamedTuple):
     torque: FloatArray
     most: FloatArray
     slip: FloatArray
-    pressure: FloatArray
-    slowest: FloatArray
     faulty: FloatArray
     wheel_ratio: FloatArray
     precise: FloatArray
     ratio: FloatArray
     spread: FloatArray
-    filter_speeds: FloatArray
-    rows: FloatArray
-    stamps: IntArray
+    rows: NDArray[np.void]
+    wheel_rows: FloatArray
     newest: IntArray
     h: FloatArray
     gain: FloatArray
@@ -278,8 +274,6 @@ def bank_constants(
     """Return the constants of the filter bank for a configuration and wheel geometry."""
     p_x, p_y, period = configuration.imu_x, configuration.imu_y, configuration.control_period
     n_x, n_y = np.ascontiguousarray(geometry.active.T)
-    modeled = configuration.law == "allocation"  # which needs torque and inertia
-    torque = MODEL_ERROR * configuration.brake.max_torque if modeled else math.inf
     return BankConstants(
         n_x=n_x,
         n_y=n_y,
@@ -298,7 +292,7 @@ def bank_constants(
         least_loss=least_loss(geometry.rim.size),
         period=period,
         rows=configuration.steps_until_twist + math.ceil(WINDOW_NS * 1e-9 / period) + 2,
-        drop=np.abs(geometry.rim) * torque / configuration.wheel_inertia,
+        dead=DEAD if configuration.law == "allocation" else 0.0,
     )
 
 
@@ -320,16 +314,13 @@ def bank_memory(constants: BankConstants) -> BankMemory:
         np.zeros(wheels),
         np.zeros(wheels),
         np.zeros(wheels),
-        np.zeros(wheels),
-        np.zeros(wheels),
         np.zeros((HYPOTHESES, wheels)),
         np.full(wheels, np.nan),
         np.zeros(3),
         np.zeros(3),
         np.zeros(GYRO + 1),
-        np.zeros((rows, FILTERS)),
-        np.zeros((rows, ROW_WHEELS + 2 * wheels)),
-        np.full(rows, -1, np.int64),
+        np.zeros(rows, _ROW),
+        np.zeros((rows, 2, wheels)),
         np.zeros(2, np.int64),
         np.zeros(STATES),
         np.zeros(STATES),
@@ -356,9 +347,8 @@ def begin(constants: BankConstants, memory: BankMemory, now_ns: int, twist: Twis
     memory.released[:] = 0.0
     memory.rim[:] = math.nan
     memory.idle[:] = memory.mark[:] = memory.torque[:] = memory.most[:] = 0.0
-    memory.pressure[:] = memory.slowest[:] = 0.0
     memory.faulty[:FILTERS] = PRIOR
-    memory.stamps[:] = -1
+    memory.rows["stamp_ns"][:] = -1
     memory.spread[:] = 0.0
     memory.covariance[:] = 0.0
     memory.state[:] = 0.0

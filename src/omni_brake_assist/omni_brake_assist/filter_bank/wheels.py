@@ -31,9 +31,6 @@ _GAIN, _IDLE, _HELD = 0.1, 0.05, 0.03
 # Width of the range of readings of a faulty encoder: the width at standstill [m/s], and the
 # increase of the width per vehicle speed [1].
 _SPEED_RANGE, _SPEED_SHARE = 10.0, 2.0
-# Share of the faulty encoders that read 0, because power, cable or pulse wheel is lost. It is used
-# if the configuration describes brakes and wheels [1].
-_DEAD = 0.5
 # Standard deviation of a driven wheel's slip (share of the vehicle's speed) per specific force,
 # times the square root of the step: 0.01 s^2/m times sqrt(0.4 s), because the slip is constant over
 # about 0.4 s [s^2.5/m].
@@ -102,7 +99,7 @@ def fuse_wheels(
     record, dt = memory.record[0], max(dt, _SHORTEST)
     own = bank.WHEEL**2 + _slip(constants, memory, push) ** 2 / dt
     own += record.held * constants.walk**2
-    released, rolling, braking = False, False, pedal > 0.0
+    braking = pedal > 0.0
     # Without an estimate, encoders are as probably faulty as under the best hypothesis.
     best = min(record.best, bank.NO_IMU)
     weight = new_information(dt, constants.wheel_correlation_time)
@@ -110,16 +107,15 @@ def fuse_wheels(
     for i in range(speeds.size):
         rim = constants.roll[i] * speeds[i]
         change = rim - memory.rim[i]
-        load = pedal * enable[i] if enable[i] > bank.RELEASED else 0.0
-        _follow_slowest(constants, memory, i, dt, braking, load)
         memory.rim[i], memory.wheel_ratio[i] = rim, math.nan
+        load = pedal * enable[i] if enable[i] > bank.RELEASED else 0.0
         memory.released[i] = 0.0 if load > 0.0 else memory.released[i] + dt
         if math.isnan(rim) or repeated:
             continue
-        acts = not braking or memory.released[i] < constants.spin_up
+        slow = not braking or memory.released[i] < constants.spin_up
         free = max(_rolling_speed(constants, memory, i), _GAIN)
         share = min(abs(rim) / free, 1.0)
-        if acts or share > memory.mark[i] + _GAIN / free:
+        if slow or share > memory.mark[i] + _GAIN / free:
             memory.idle[i], memory.mark[i] = 0.0, share
         memory.idle[i] += dt
         variance = own + ((_LAG * change / dt) ** 2 if math.isfinite(change) else 0.0)
@@ -129,9 +125,6 @@ def fuse_wheels(
         memory.evidence[bank.NO_ESTIMATE] += math.log(likelihood + faulty * wheel.faulty**weight)
         for k in range(bank.FILTERS):
             _fuse_wheel(constants, memory, i, k, wheel, dt)
-        released = released or memory.released[i] >= constants.spin_up
-        rolling = rolling or math.isfinite(memory.wheel_ratio[i])
-    record.unsupported = 0.0 if rolling else record.unsupported + dt * (braking and released)
 
 
 @lean
@@ -144,33 +137,6 @@ def _is_repeated(constants: BankConstants, memory: BankMemory, speeds: FloatArra
             return False
         turns = turns or abs(rim) > 0.0
     return turns
-
-
-@lean
-def _follow_slowest(
-    constants: BankConstants, memory: BankMemory, i: int, dt: float, braking: bool, load: float
-) -> None:
-    """Update the lowest speed of a rim that the torque of its brake permits after the last reading.
-
-    A rim slows down no faster than its brake can stop it without any friction, or than the vehicle.
-    The brake is assumed to lag its command when it is released, but not when it is applied.
-
-    Args:
-        constants: constants of the vehicle.
-        memory: memory of the bank with the last reading, changed in place.
-        i: index of the wheel.
-        dt: length of the step [s].
-        braking: whether the pedal is down; otherwise the drives can slow the wheel down.
-        load: brake command of the wheel as a share of the largest torque [1].
-    """
-    memory.pressure[i] = max(load, memory.pressure[i] * math.exp(-dt / constants.spin_up))
-    lowest, rim = memory.slowest[i], abs(memory.rim[i])
-    if math.isfinite(rim):
-        lowest = max(lowest, rim)
-    if memory.pressure[i] > 0.0:
-        lowest -= constants.drop[i] * memory.pressure[i] * dt
-    lowest = min(lowest, _rolling_speed(constants, memory, i))
-    memory.slowest[i] = max(lowest, 0.0) if braking else 0.0
 
 
 @lean
@@ -236,12 +202,8 @@ def _mixture(
             held = _HELD + memory.record[0].lag
             stays *= math.exp(-((memory.idle[i] / held) ** 2))
         rolls, locked = 1.0 - slides - stays, stays * standing
-        missing = max(memory.slowest[i] - abs(memory.rim[i]), 0.0)
-        possible = math.exp(-0.5 * min((missing / bank.WHEEL) ** 2, GATE))
-        slides, locked = slides * possible, locked * possible
+    faulty = constants.dead * standing + (1.0 - constants.dead) / span
     limit = _largest_slip(constants, memory, i, dt, load)
-    dead = _DEAD if math.isfinite(constants.drop[i]) else 0.0
-    faulty = dead * standing + (1.0 - dead) / span
     return _Wheel(rolls, slides, locked, faulty, span, variance, excess, limit)
 
 

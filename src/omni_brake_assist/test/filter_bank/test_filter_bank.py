@@ -202,11 +202,6 @@ def test_the_motion_is_known_without_any_twist(drive: Drive) -> None:
     assert drive.error == pytest.approx(0.0, abs=0.05)
 
 
-def test_without_any_twist_a_released_wheel_must_roll(drive: Drive) -> None:
-    drive.run(PEDAL + 25, "locked", onset=0)
-    assert drive.chosen[-1] == bank.NO_ESTIMATE
-
-
 def test_without_any_twist_a_wheel_need_not_roll_one_step_after_its_release(drive: Drive) -> None:
     drive.run(PEDAL + 60, "pulses", onset=0)
     assert bank.NO_ESTIMATE not in drive.chosen[2:]
