@@ -30,10 +30,12 @@ that changes its sign at every reading has a mean of 0, but such a large mean sq
 gyro reading that equals the last one, and wheel speeds that all do, contain no new information. A
 wheel is modeled as a mixture of rolling, sliding, locked and a faulty encoder. The prior
 probabilities of these cases depend on the state of the brake. The slip of a released wheel only
-falls. While the slip of a braked wheel changes slowly, it falls at least by the same share as the
-torque of the brake. The probability of each hypothesis, and the probabilities of faulty encoders
-under it, are updated by Bayes' rule with a constant transition probability (Blom and Bar-Shalom
-1988). These probabilities alone decide which source is isolated and when it recovers.
+falls. A rim slows down no faster than its brake can stop it; this limit is used only with the law
+`allocation`, whose configuration describes brakes and wheels. While the slip of a braked wheel
+changes slowly, it falls at least by the same share as the torque of the brake. The probability of
+each hypothesis, and the probabilities of faulty encoders under it, are updated by Bayes' rule with
+a constant transition probability (Blom and Bar-Shalom 1988). These probabilities alone decide which
+source is isolated and when it recovers.
 
 The filter of the most probable hypothesis gives the estimate. The filter of all sources, and with
 the pedal up every filter, follows it with a time constant, as in interacting multiple models. A

@@ -40,6 +40,7 @@ FAULTY = 0.5
 
 WHEEL = 0.03  # standard deviation of a rolling rim's speed and a fault-free twist's velocity [m/s]
 SHARE = 0.005  # additional standard deviation of these speeds and of yaw rates, per reading [1]
+MODEL_ERROR = 2.0  # largest error of the ratio of nominal brake torque to wheel inertia [1]
 RELEASED = 0.05  # a brake with at most this enable counts as released [1]
 UNKNOWN_LAG = 0.05  # dead time of brakes that is assumed while there is no estimate of it [s]
 LEAST_FRICTION = 3.0  # deceleration with a friction coefficient of 0.3 if all wheels brake [m/s^2]
@@ -156,6 +157,8 @@ class BankConstants(NamedTuple):
             [m/s].
         period: control period [s].
         rows: number of control steps whose readings are stored.
+        drop: largest deceleration of the rim of each wheel by its brake, inf if the configuration
+            need not describe brakes and wheels [m/s^2], shape (N,).
         dead: `DEAD`, or 0 with the law `sliding_mode`, which can leave a brake released that is
             stuck [1].
     """
@@ -177,6 +180,7 @@ class BankConstants(NamedTuple):
     least_loss: float
     period: float
     rows: int
+    drop: FloatArray
     dead: float
     force: float = 0.02
     walk: float = 1.0
@@ -217,6 +221,10 @@ class BankMemory(NamedTuple):
             possible torque [1], shape (N,).
         slip: slip of each wheel at that torque, as a share of the rim's speed in rolling [1],
             shape (N,).
+        pressure: largest possible torque of each brake, as a share of the largest torque [1],
+            shape (N,).
+        slowest: lowest speed of each rim that the torque of its brake permits after the last
+            readings [m/s], shape (N,).
         faulty: probability under each hypothesis that the encoder of a wheel is faulty [1],
             shape (8, N); 0 under NO_ESTIMATE.
         wheel_ratio: test ratio of each wheel, NaN while it slides [1], shape (N,).
@@ -247,6 +255,8 @@ class BankMemory(NamedTuple):
     torque: FloatArray
     most: FloatArray
     slip: FloatArray
+    pressure: FloatArray
+    slowest: FloatArray
     faulty: FloatArray
     wheel_ratio: FloatArray
     precise: FloatArray
@@ -274,6 +284,8 @@ def bank_constants(
     """Return the constants of the filter bank for a configuration and wheel geometry."""
     p_x, p_y, period = configuration.imu_x, configuration.imu_y, configuration.control_period
     n_x, n_y = np.ascontiguousarray(geometry.active.T)
+    modeled = configuration.law == "allocation"  # which needs torque and inertia
+    torque = MODEL_ERROR * configuration.brake.max_torque if modeled else math.inf
     return BankConstants(
         n_x=n_x,
         n_y=n_y,
@@ -292,7 +304,8 @@ def bank_constants(
         least_loss=least_loss(geometry.rim.size),
         period=period,
         rows=configuration.steps_until_twist + math.ceil(WINDOW_NS * 1e-9 / period) + 2,
-        dead=DEAD if configuration.law == "allocation" else 0.0,
+        drop=np.abs(geometry.rim) * torque / configuration.wheel_inertia,
+        dead=DEAD if modeled else 0.0,
     )
 
 
@@ -308,6 +321,8 @@ def bank_memory(constants: BankConstants) -> BankMemory:
         np.zeros(3),
         np.zeros(wheels),
         np.full(wheels, np.nan),
+        np.zeros(wheels),
+        np.zeros(wheels),
         np.zeros(wheels),
         np.zeros(wheels),
         np.zeros(wheels),
@@ -347,6 +362,7 @@ def begin(constants: BankConstants, memory: BankMemory, now_ns: int, twist: Twis
     memory.released[:] = 0.0
     memory.rim[:] = math.nan
     memory.idle[:] = memory.mark[:] = memory.torque[:] = memory.most[:] = 0.0
+    memory.pressure[:] = memory.slowest[:] = 0.0
     memory.faulty[:FILTERS] = PRIOR
     memory.rows["stamp_ns"][:] = -1
     memory.spread[:] = 0.0

@@ -107,8 +107,9 @@ def fuse_wheels(
     for i in range(speeds.size):
         rim = constants.roll[i] * speeds[i]
         change = rim - memory.rim[i]
-        memory.rim[i], memory.wheel_ratio[i] = rim, math.nan
         load = pedal * enable[i] if enable[i] > bank.RELEASED else 0.0
+        _follow_slowest(constants, memory, i, dt, braking, load)
+        memory.rim[i], memory.wheel_ratio[i] = rim, math.nan
         memory.released[i] = 0.0 if load > 0.0 else memory.released[i] + dt
         if math.isnan(rim) or repeated:
             continue
@@ -137,6 +138,33 @@ def _is_repeated(constants: BankConstants, memory: BankMemory, speeds: FloatArra
             return False
         turns = turns or abs(rim) > 0.0
     return turns
+
+
+@lean
+def _follow_slowest(
+    constants: BankConstants, memory: BankMemory, i: int, dt: float, braking: bool, load: float
+) -> None:
+    """Update the lowest speed of a rim that the torque of its brake permits after the last reading.
+
+    A rim slows down no faster than its brake can stop it without any friction, or than the vehicle.
+    The brake is assumed to lag its command when it is released, but not when it is applied.
+
+    Args:
+        constants: constants of the vehicle.
+        memory: memory of the bank with the last reading, changed in place.
+        i: index of the wheel.
+        dt: length of the step [s].
+        braking: whether the pedal is down; otherwise the drives can slow the wheel down.
+        load: brake command of the wheel as a share of the largest torque [1].
+    """
+    memory.pressure[i] = max(load, memory.pressure[i] * math.exp(-dt / constants.spin_up))
+    lowest, rim = memory.slowest[i], abs(memory.rim[i])
+    if math.isfinite(rim):
+        lowest = max(lowest, rim)
+    if memory.pressure[i] > 0.0:
+        lowest -= constants.drop[i] * memory.pressure[i] * dt
+    lowest = min(lowest, _rolling_speed(constants, memory, i))
+    memory.slowest[i] = max(lowest, 0.0) if braking else 0.0
 
 
 @lean
@@ -202,6 +230,9 @@ def _mixture(
             held = _HELD + memory.record[0].lag
             stays *= math.exp(-((memory.idle[i] / held) ** 2))
         rolls, locked = 1.0 - slides - stays, stays * standing
+        missing = max(memory.slowest[i] - abs(memory.rim[i]), 0.0)
+        possible = math.exp(-0.5 * min((missing / bank.WHEEL) ** 2, GATE))
+        slides, locked = slides * possible, locked * possible
     faulty = constants.dead * standing + (1.0 - constants.dead) / span
     limit = _largest_slip(constants, memory, i, dt, load)
     return _Wheel(rolls, slides, locked, faulty, span, variance, excess, limit)

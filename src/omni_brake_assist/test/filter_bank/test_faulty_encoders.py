@@ -188,6 +188,25 @@ def test_a_slip_that_falls_slowly_must_also_fall_as_much_as_the_brake_torque(
     assert isolated_encoder(mecanum, speed, 0.2, seconds=0.8, change=0.2)
 
 
+@pytest.mark.safety(
+    "the stop is longer or rotates more",
+    "an encoder of a braked wheel reads 0 from one reading to the next, with the law `allocation`",
+    "fault isolation: the torque of the brake cannot lock the wheel so quickly",
+    within=0.1,
+)
+@pytest.mark.parametrize(("lag", "isolated"), [(UNKNOWN_LAG, True), (None, False)])
+def test_a_wheel_that_stops_faster_than_its_brake_can_stop_it_is_isolated(
+    mecanum: dict[str, WheelMount], lag: float | None, isolated: bool, within: float
+) -> None:
+    """The configuration of the law `sliding_mode` need not describe the brakes."""
+
+    def speed(time: float, rolling: float) -> float:
+        return 0.9 * rolling if time < 0.2 else 0.0
+
+    seconds = 0.2 + within
+    assert isolated_encoder(mecanum, speed, 0.1, seconds=seconds, lag=lag) is isolated
+
+
 def test_a_wheel_that_its_brake_locks_is_no_faulty_encoder(mecanum: dict[str, WheelMount]) -> None:
     """A tenth of the largest torque, 2000 N m, slows a wheel of 1 kg m^2 down by 200 rad/s^2."""
 
