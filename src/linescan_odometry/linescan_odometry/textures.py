@@ -124,10 +124,8 @@ class Textures:
         """
         found, remains = "", True
         for decay in reading.decays:
-            deviation, expected = (
-                math.sqrt(decay.variance),
-                self._expected(stamp_ns, name, decay, across),
-            )
+            deviation = math.sqrt(decay.variance)
+            expected = self._expected(stamp_ns, name, decay, across)
             oblique = expected + _OBLIQUE * (1.0 - expected)
             # A periodic ground leaves the view and returns; fibers remain in all comparisons.
             remains = remains and decay.most > oblique - deviation
