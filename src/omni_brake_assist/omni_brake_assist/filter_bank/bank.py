@@ -163,12 +163,16 @@ def _advance(constants: BankConstants, memory: BankMemory, target_ns: int) -> No
 def _is_lost(memory: BankMemory) -> bool:
     """Return whether too few working sources remain to determine the motion.
 
-    If the twist or a part of it is isolated, or no twist has been received, the IMU must measure
-    the motion.
+    If fewer than two encoders appear fault-free, the estimate itself must be wrong, because several
+    encoders do not fail at the same time. If the twist or a part of it is isolated, or no twist has
+    been received, the IMU must measure the motion.
     """
-    record = memory.record[0]
+    record, left = memory.record[0], 0
+    for probability in memory.faulty[record.best]:
+        left += 1 if probability <= bank.FAULTY else 0
     without = record.best in bank.TWIST_FAULTS or not record.received
-    return bool(record.best == bank.NO_ESTIMATE or (without and not record.inertial))
+    without = without and not record.inertial
+    return bool(record.best == bank.NO_ESTIMATE or without or (left < 2 and record.pressed))
 
 
 @lean
