@@ -331,8 +331,9 @@ def _choose(
 
     At rest, the lines minus the mean of all lines are white noise. The vehicle therefore counts as
     moving if a displacement explains these differences. A candidate near rest is nevertheless
-    chosen if nothing shifts along the axis: slow motion across the axis changes the lines without
-    shifting them. If even the slow changes are white noise, it counts as rest.
+    chosen if neighboring lines differ only by white noise and nothing shifts along the axis: slow
+    motion across the axis changes the lines without shifting them. If even the slow changes are
+    white noise, it counts as rest.
 
     Args:
         view: the batch.
@@ -353,15 +354,18 @@ def _choose(
     # Noise alone rarely exceeds half of the log-likelihood that a valid displacement requires.
     limit = candidates.RATIO * candidates.LIKELY
     moves = evidence[best] >= limit
-    rests = len(near) > 0 and (not moves or static.turning(remainder, layout) < limit)
-    if rests or not moves:
-        changes = static.colored(view.recorded, camera.taper, layout) >= limit
-        if not rests:
-            return found[best], changes, True, True, "low texture"
+    changes = True
+    if len(near) > 0 and (not moves or static.turning(remainder, layout) < limit):
         slowest = near[int(np.argmax(evidence[near]))]
         c, shifts = found[slowest], evidence[slowest] >= candidates.LIKELY
-        visible = shifts or _visible(view, layout, c)
-        return c, changes, changes and shifts, False, "" if visible else "low texture"
+        changes = static.colored(view.recorded, camera.taper, layout, True) >= limit
+        if not changes or static.colored(view.recorded, camera.taper, layout, False) < limit:
+            visible = shifts or _visible(view, layout, c)
+            return c, changes, changes and shifts, False, "" if visible else "low texture"
+    elif not moves:
+        changes = static.colored(view.recorded, camera.taper, layout, True) >= limit
+    if not moves:
+        return found[best], changes, True, True, "low texture"
     best = candidates.decide(remainder, layout, found, evidence)
     weak = evidence[best] < candidates.LIKELY
     several = candidates.ambiguous(found, evidence, best)

@@ -55,8 +55,8 @@ def turning(rest: Correlation, layout: Layout) -> float:
 
 
 @kernel
-def colored(lines: Lines, taper: Floats, layout: Layout) -> float:
-    """Return the log-likelihood ratio of colored versus white slow changes of the lines [nats].
+def colored(lines: Lines, taper: Floats, layout: Layout, slowly: bool) -> float:
+    """Return the log-likelihood ratio of colored versus white changes of the lines [nats].
 
     The changes contain no fixed pattern. At rest, they contain only noise, which is white. If the
     ground moves, they also contain its texture, which is colored because the optics attenuate high
@@ -68,15 +68,23 @@ def colored(lines: Lines, taper: Floats, layout: Layout) -> float:
             the noise. Their logarithm would amplify the noise of dark pixels.
         taper: factor of each pixel before the transform, shape (n,).
         layout: sizes of the batch.
+        slowly: whether the slow changes within the batch are tested, or the differences of
+            neighboring lines.
     """
     levels = lines.astype(np.float32)
     for k in range(len(levels)):
         line = levels[k]
-        # The gain of a line, for example under mains light, would color the changes.
+        # The gain of a line, for example under mains light, would color its differences.
         line /= np.float32(max(spectra.sum_of(line) / layout.pixels, 1.0))
-    modes = min(_SLOW, layout.lines - 1)
-    whole = spectra.power_of(spectra.spectra_of(_projected(levels, modes), taper, layout.size))
-    number = modes * (taper**2).sum() / layout.size
+    if slowly:
+        modes = min(_SLOW, layout.lines - 1)
+        changes, number = _projected(levels, modes), float(modes)
+    else:
+        # The differences are a moving average of order 1: N of them count as 2 N / 3 independent
+        # ones.
+        changes, number = levels[1:] - levels[:-1], (layout.lines - 1) / 1.5
+    whole = spectra.power_of(spectra.spectra_of(changes, taper, layout.size))
+    number *= (taper**2).sum() / layout.size
     edges, total, logarithm = candidates.bands(layout.size), 0.0, 0.0
     for b in range(len(edges) - 1):
         i, j = edges[b], edges[b + 1]
