@@ -9,13 +9,14 @@ multiplied by the pedal position, to the braked distance ``B``, and requires
 
 with the speed ``v_0`` at the start of the stop and the constants of `EffectConstants`. The speed
 ``v`` is the larger of two: the speed of the fastest rim, because some wheel rolls in an assisted
-stop, and the speed before the stop minus the integral of the specific force. A scale error that all
-encoders and the twist share therefore does not shorten the computed distance. Without an IMU
+stop, and the speed before the stop minus the integral of the specific force and minus the decrease
+of the speed of the wheels about their center, which the gyro measures. A scale error that
+all encoders and the twist share therefore does not shorten the computed distance. Without an IMU
 such an error cannot be observed, and ``v`` decreases by at most `loss` per second. While all brakes
 act, nothing is added to ``M``.
 
-With an IMU, ``a`` is the low-passed specific force. Without an IMU, it is the difference between
-``v`` and its low-pass.
+With an IMU, ``a`` is the low-passed specific force, plus the low-passed decrease of the speed of
+the wheels about their center. Without an IMU, it is the difference between ``v`` and its low-pass.
 The deceleration ``c`` is `least_loss`, scaled by the pedal position. It does not depend on earlier
 decelerations in the stop: on ice under one side of the vehicle, the assistant can only keep the
 heading with little deceleration, because it has to release brakes on the other side.
@@ -50,7 +51,7 @@ from omni_brake_assist.configuration import BrakeAssistConfiguration
 from omni_brake_assist.filter_bank.state import LEAST_FRICTION, least_loss
 from omni_core.geometry import PlatformGeometry
 from omni_core.kernels import by_reference, lean
-from omni_core.quantities import GRAVITY, FloatArray, Pair
+from omni_core.quantities import GRAVITY, FloatArray, Pair, Triple
 
 _LEDGER = np.dtype(
     [
@@ -62,8 +63,10 @@ _LEDGER = np.dtype(
         ("elapsed", "f8"),  # time since the pedal was pressed [s]
         ("speed", "f8"),  # speed v [m/s]
         ("mean_speed", "f8"),  # speed v, low-passed [m/s]
+        ("turn", "f8"),  # magnitude of the yaw rate [rad/s], NaN if unknown
         ("force_x", "f8"),  # low-passed specific force, x [m/s^2]
         ("force_y", "f8"),
+        ("slowing", "f8"),  # low-passed decrease of `reach` times `turn` per time [m/s^2]
         ("used", "f8"),  # low-passed share of the friction that the wheels use [1]
         ("v_x", "f8"),  # velocity before the stop plus its change by the IMU, body frame [m/s]
         ("v_y", "f8"),
@@ -89,6 +92,7 @@ class EffectConstants(NamedTuple):
         twist: pseudo-inverse of `active`, shape (3, N).
         slip: slip at which a rim uses all of its friction [1], shape (N,).
         sliding: share of the friction of all wheels that `least_loss` assumes [1].
+        reach: largest speed of a rolling rim per yaw rate [m].
         empty: initial record of the memory, which is copied for a reset, shape (1,).
         allowance: missed distance that is allowed per initial speed, because brakes act with a
             delay [s].
@@ -107,6 +111,7 @@ class EffectConstants(NamedTuple):
     twist: FloatArray
     slip: FloatArray
     sliding: float
+    reach: float
     empty: NDArray[np.void]
     allowance: float
     least_loss: float
@@ -131,6 +136,7 @@ def effect_constants(
         twist=np.asarray(np.linalg.pinv(active), dtype=np.float64),
         slip=configuration.allocation.target_slip * geometry.radius / np.abs(geometry.rim),
         sliding=least / LEAST_FRICTION,
+        reach=float(np.max(np.abs(geometry.lever))),
         empty=effect_memory(),
         allowance=0.15 + configuration.brake.settling_time,
         least_loss=least,
@@ -164,7 +170,7 @@ def watch_effect(
         inertial: yaw rate [rad/s] and specific force along x and y [m/s^2], shape (3,); NaN where
             unknown.
     """
-    force_x, force_y = inertial[1], inertial[2]
+    turn, force_x, force_y = abs(inertial[0]), inertial[1], inertial[2]
     ledger, top, known = memory[0], 0.0, False
     for i in range(speeds.size):
         rim = abs(constants.roll[i] * speeds[i])
@@ -174,12 +180,15 @@ def watch_effect(
         v_x, v_y = _rolling_velocity(constants, ledger, speeds)
         memory[0] = constants.empty[0]
         ledger.start = ledger.speed = ledger.mean_speed = top
-        ledger.v_x, ledger.v_y = v_x, v_y
+        ledger.turn, ledger.v_x, ledger.v_y = turn, v_x, v_y
         return False
     ledger.elapsed += dt
     felt = math.isfinite(force_x + force_y)
     loss = math.hypot(force_x, force_y) if felt else constants.loss
-    ledger.speed = max(top, ledger.speed - (loss * dt if known else 0.0), 0.0)
+    turned = constants.reach * (ledger.turn - turn)
+    turned = turned if math.isfinite(turned) else 0.0
+    ledger.turn = turn
+    ledger.speed = max(top, ledger.speed - (loss * dt if known else 0.0) - turned, 0.0)
     _integrate(ledger, dt, inertial)
     used = _used_friction(constants, ledger, speeds, inertial[0])
     ledger.used += (1.0 - math.exp(-dt / constants.force_time)) * (used - ledger.used)
@@ -187,20 +196,27 @@ def watch_effect(
     expected = pedal * constants.least_loss
     expected += slides * min(constants.sliding * _ICE - expected, 0.0)
     ledger.demanded += expected / constants.least_loss * dt
-    achieved = _achieved(constants, ledger, dt, expected, (force_x, force_y))
+    achieved = _achieved(constants, ledger, dt, expected, (force_x, force_y, turned))
     length = pedal * ledger.speed * dt
     if released:
         ledger.missed += (1.0 - achieved) * length
     ledger.braked += achieved * length
-    bound = constants.creep + constants.allowance * ledger.start + constants.share * ledger.braked
     stalls = felt and released and achieved < _LITTLE and ledger.speed < _LITTLE * ledger.start
     ledger.stalled = ledger.stalled + dt if stalls else 0.0
-    lost = ledger.start - ledger.speed
-    late = ledger.elapsed > constants.grace + ledger.start / constants.least
-    late = late and ledger.demanded > constants.grace + lost / constants.least
+    bound = constants.creep + constants.allowance * ledger.start + constants.share * ledger.braked
+    late = _lasts_too_long(constants, ledger)
     if released and (late or ledger.stalled > constants.force_time or ledger.missed > bound):
         ledger.tripped = True
     return bool(ledger.tripped)
+
+
+@lean
+def _lasts_too_long(constants: EffectConstants, ledger: Any) -> bool:
+    """Return whether the stop exceeds its longest duration, which ice may extend."""
+    lost = ledger.start - ledger.speed
+    usual: bool = ledger.elapsed <= constants.grace + ledger.start / constants.least
+    slows: bool = ledger.demanded <= constants.grace + lost / constants.least
+    return not (usual or slows)
 
 
 @lean
@@ -261,7 +277,7 @@ def _used_friction(
 
 @lean
 def _achieved(
-    constants: EffectConstants, ledger: Any, dt: float, expected: float, force: Pair
+    constants: EffectConstants, ledger: Any, dt: float, expected: float, lost: Triple
 ) -> float:
     """Return the deceleration divided by the expected one, 0 to 1.
 
@@ -272,9 +288,10 @@ def _achieved(
         ledger: record of the memory, changed in place.
         dt: length of the step [s].
         expected: smallest deceleration with working brakes [m/s^2].
-        force: specific force along x and y [m/s^2], NaN where unknown.
+        lost: specific force along x and y [m/s^2], NaN where unknown, and decrease of the speed of
+            the wheels about their center in this step [m/s].
     """
-    force_x, force_y = force
+    force_x, force_y, turned = lost
     felt = math.isfinite(force_x + force_y)
     time = constants.force_time if felt else constants.wheel_time
     follow, settled = 1.0 - math.exp(-dt / time), 1.0 - math.exp(-ledger.elapsed / time)
@@ -283,6 +300,7 @@ def _achieved(
     if felt:
         ledger.force_x += follow * (force_x - ledger.force_x)
         ledger.force_y += follow * (force_y - ledger.force_y)
-        loss = math.hypot(ledger.force_x, ledger.force_y)
+        ledger.slowing += turned / time - follow * ledger.slowing
+        loss = math.hypot(ledger.force_x, ledger.force_y) + max(ledger.slowing, 0.0)
     least = expected * settled
     return min(max(loss / least, 0.0), 1.0) if least > 0.0 else 1.0

@@ -250,6 +250,17 @@ def test_missed_braking_counts_in_proportion_to_the_pedal(constants: EffectConst
     assert trip_time(constants, 0.0, 0.0, pedal=(0.5, 0.5)) == pytest.approx(2.0 * allowed, abs=DT)
 
 
+def test_brakes_that_only_stop_the_rotation_have_an_effect(constants: EffectConstants) -> None:
+    ledger, speed, turn = effect_memory(), START, 3.0 / constants.reach
+    roll, force = 1.0 / constants.roll, -0.3
+    rim = speed + constants.reach * turn
+    watch_effect(constants, ledger, DT, 0.0, False, rim * roll, np.array([turn, 0.0, 0.0]))
+    for _ in range(100):
+        speed, turn = speed + force * DT, turn - 3.0 / constants.reach * DT
+        rim, inertial = speed + constants.reach * turn, np.array([turn, force, 0.0])
+        assert not watch_effect(constants, ledger, DT, 1.0, True, rim * roll, inertial)
+
+
 def test_brakes_are_not_released_for_longer_than_a_modest_stop_lasts(
     constants: EffectConstants,
 ) -> None:
