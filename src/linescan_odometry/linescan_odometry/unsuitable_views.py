@@ -13,6 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from linescan_odometry.joint.spectra import SIGNIFICANT
 from linescan_odometry.keyframe import UNSHIFTED
 from linescan_odometry.measurements import SensorReading
 from linescan_odometry.paths_across import CERTAIN, GAP_NS, HARDEST_STOP, PathsAcross
@@ -94,11 +95,7 @@ class UnsuitableViews:
         # An unknown slope of the texture falsifies the velocity, but a view that shifted at this
         # velocity must change all the same.
         self._own = {name: math.sqrt(reading.variance) for name, reading in readings.items()}
-        static = {
-            name: reading
-            for name, reading in readings.items()
-            if name in self._sensors and reading.static_time > 0.0 and not reading.unmatched
-        }
+        static = {n: r for n, r in readings.items() if n in self._sensors and _is_static(r)}
         for name in self._sensors.keys() & readings.keys() - static.keys():
             # Because of noise, a constant view is not recognized in every batch.
             if stamp_ns - self._static_ns.get(name, stamp_ns) > GAP_NS:
@@ -281,6 +278,14 @@ class UnsuitableViews:
         if sum(static_views) > 1 and not all(static_views):
             self._alone |= covered.keys()
         return covered
+
+
+def _is_static(reading: SensorReading) -> bool:
+    """Return whether the view of a camera does not change, and its texture does not leave it."""
+    if reading.static_time == 0.0 or reading.unmatched:
+        return False
+    kept = [decay for decay in reading.decays if decay.age <= reading.static_time]
+    return all(decay.most + SIGNIFICANT * math.sqrt(decay.variance) >= 1.0 for decay in kept)
 
 
 def _slopes(reading: SensorReading) -> bool:

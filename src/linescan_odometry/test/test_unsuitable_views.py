@@ -128,6 +128,19 @@ def test_a_view_is_covered_if_it_stops_faster_than_with_15_m_s2(
     assert not views.stopped(10**9 + elapsed_ns + 51_000_000, {"eye": reading})
 
 
+@pytest.mark.parametrize(("left", "covered"), [(0.95, True), (0.76, False)])
+def test_a_view_that_seems_constant_is_not_covered_if_its_texture_leaves_it(
+    left: float, covered: bool
+) -> None:
+    """The lines of faint ground still match the oldest of the batch when a quarter is new."""
+    views = UnsuitableViews({"eye": CAMERA})
+    for stamp_ns in (10**9 - 10**7, 10**9):
+        views.unsuitable(stamp_ns, {}, np.array([0.05, 0.3, 0.0]))
+    decay = Decay(0.0052, 0.0012, left, left, 0.06**2, False)
+    reading = SensorReading(0.0, 1e-3, 1.0, 1.0, True, static_time=0.01, decays=(decay,))
+    assert bool(views.stopped(10**9 + 10**7, {"eye": reading})) == covered
+
+
 def drive(
     views: UnsuitableViews,
     stamp_ns: int,
