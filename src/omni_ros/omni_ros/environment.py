@@ -75,10 +75,10 @@ def check_participant(environment: Mapping[str, str]) -> None:
         except (OSError, UnicodeError):
             problem = f"no host is named {peer!r}; give names or addresses, separated by ;"
             raise ConfigurationError(_PEERS_VARIABLE, problem) from None
-    named = next(filter(environment.get, ("ROS_LOG_DIR", "ROS_HOME")), None)
-    if named is None:
+    found = named_log_folder(environment)
+    if found is None:
         return
-    folder = Path(environment[named], "" if named == "ROS_LOG_DIR" else "log")
+    named, folder = found
     try:
         folder = folder.expanduser()
         folder.mkdir(parents=True, exist_ok=True)
@@ -87,6 +87,17 @@ def check_participant(environment: Mapping[str, str]) -> None:
         reason = getattr(error, "strerror", None) or error
         problem = f"cannot write logs to {folder}: {reason}; name another folder, or unset it"
         raise ConfigurationError(named, problem) from None
+
+
+def named_log_folder(environment: Mapping[str, str]) -> tuple[str, Path] | None:
+    """Return the variable that names a folder for the logs of ROS, and this folder.
+
+    The result is None if no variable names a folder.
+    """
+    named = next(filter(environment.get, ("ROS_LOG_DIR", "ROS_HOME")), None)
+    if named is None:
+        return None
+    return named, Path(environment[named], "" if named == "ROS_LOG_DIR" else "log")
 
 
 def name_log_folder(environment: MutableMapping[str, str]) -> None:
@@ -98,7 +109,7 @@ def name_log_folder(environment: MutableMapping[str, str]) -> None:
     Args:
         environment: environment variables, changed in place.
     """
-    if any(environment.get(name) for name in ("ROS_HOME", "ROS_LOG_DIR")):
+    if named_log_folder(environment):
         return
     home = environment.get("HOME")
     wanted = [Path(home, ".ros", "log")] if home else []

@@ -182,12 +182,14 @@ def _disk(workspace: Path, needed: float = 0.2e9) -> str:
 
 def _folders(workspace: Path) -> str:
     """Return the folders that the workspace fills, with their sizes."""
+    from omni_ros.environment import named_log_folder
     from omni_sim.texture.cache import TextureCache
 
     names = ("build", "install", ".cache", "bags", "results")
     folders = [Path(sys.prefix), *(workspace / name for name in names)]
-    logs = os.environ.get("ROS_LOG_DIR") or Path(os.environ.get("ROS_HOME", ""), "log")
-    folders += [TextureCache.of_user().directory, Path(logs)]
+    folders.append(TextureCache.of_user().directory)
+    if logs := named_log_folder(os.environ):
+        folders.append(logs[1])
     found = [str(folder) for folder in folders if folder.is_dir()]
     # Some of the files may be removed in the meantime.
     rows = subprocess.run(["du", "-sk", *found], capture_output=True, text=True, check=False).stdout
