@@ -101,14 +101,14 @@ def at_work(program: str, words: str, every: float = 5.0) -> Iterator[None]:
 def _progress_lines(name: str) -> Progress:
     """Return a function that prints a line with `name`, progress and estimated time left.
 
-    The interval between lines is at least 5 s and a fifth of the elapsed time.
+    The interval between lines is at least 5 s and a twentieth of the elapsed time.
     """
     begun = last = time.monotonic()
 
     def report(share: float, words: str) -> None:
         nonlocal last
         now = time.monotonic()
-        if now - last < max(5.0, 0.2 * (last - begun)):
+        if now - last < max(5.0, 0.05 * (last - begun)):
             return
         last = now
         left = f", about {(now - begun) * (1.0 / share - 1.0):.0f} s left" if share > 0.01 else ""

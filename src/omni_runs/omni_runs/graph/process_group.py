@@ -269,7 +269,7 @@ class ProcessGroup:
         Args:
             last: process of the group that ends first, after a report with the key ``finished``.
             on_report: function that is called with each of its reports; before the first one, with
-                the last words of the processes, such as the number of compiled kernels.
+                the latest words of any process, such as the number of compiled kernels.
 
         Raises:
             ProcessError: another process ended earlier, a signal halted a process, or `last` makes
@@ -277,6 +277,7 @@ class ProcessGroup:
         """
         report: dict[str, Any] = {}
         received = time.monotonic()
+        latest, words_of = "", dict.fromkeys(self.running, "")
         while last.returncode is None:
             yield
             self.raise_if_ended(besides=last)
@@ -287,8 +288,11 @@ class ProcessGroup:
             # Before the first step, a single halted node makes all other nodes wait.
             for process in (last,) if report else self.running:
                 process.raise_if_halted()
-                if not report and (words := process.error_output()):
-                    on_report(f"{process.node.name}: {words.splitlines()[-1]}")
+                if not report and (words := process.error_output()) != words_of[process]:
+                    words_of[process] = words
+                    latest = f"{process.node.name}: {words.splitlines()[-1]}"
+            if latest and not report:
+                on_report(latest)
             if now - received > _REPORT_TIMEOUT:
                 raise ProcessError(
                     f"the {last.node.name} has made no step for {_REPORT_TIMEOUT:g} s"

@@ -321,19 +321,34 @@ def test_a_node_that_is_halted_while_the_graph_starts_is_named(
             next(steps)
 
 
-def test_the_last_words_of_a_node_are_shown_until_the_first_step(prefix: Path) -> None:
+def test_the_latest_words_of_the_nodes_are_shown_until_the_first_step(
+    prefix: Path, tmp_path: Path
+) -> None:
     shown: list[Any] = []
-    text = "import sys, time; sys.stderr.write('10\\n20\\n'); sys.stderr.flush(); time.sleep(100)"
+    text = (
+        "import pathlib, sys, time\nfor file in sys.argv[1:]:\n"
+        "    while not pathlib.Path(file).exists(): time.sleep(0.01)\n"
+        "    print('compiled', pathlib.Path(file).name, file=sys.stderr, flush=True)\n"
+        "time.sleep(100)"
+    )
+    words = {"odometry": ("10", "30"), "assistant": ("20",), "simulator": ()}
     with ProcessGroup(dict(os.environ)) as group:
-        odometry, simulator = (
-            group.start(add_program(prefix, name, words))
-            for name, words in (("odometry", text), ("simulator", "import time; time.sleep(100)"))
+        odometry, assistant, simulator = (
+            group.start(
+                dataclasses.replace(
+                    add_program(prefix, name, text), arguments=[str(tmp_path / w) for w in files]
+                )
+            )
+            for name, files in words.items()
         )
         steps = group.follow(simulator, shown.append)
-        wait_until(lambda: odometry.error_output().endswith("20"))
         next(steps)
-        next(steps)
-    assert shown == ["odometry: 20"]
+        for process, word in ((odometry, "10"), (assistant, "20"), (odometry, "30")):
+            (tmp_path / word).touch()
+            while word not in process.error_output():
+                time.sleep(0.01)
+            next(steps)
+    assert shown == ["odometry: compiled 10", "assistant: compiled 20", "odometry: compiled 30"]
 
 
 def test_a_finished_run_keeps_its_results_if_the_next_one_cannot_start() -> None:
