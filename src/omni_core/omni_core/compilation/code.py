@@ -49,12 +49,12 @@ class _Environments:
 class _Library(JITCPUCodegen._library_class):
     """The code of a kernel, in which the copies of its callees are private.
 
-    Its functions are not optimized before all callees are linked, because this took up to 40 % of
-    the compilation time of a kernel and did not change its results. Its machine code is generated
-    when its address is requested: the kernels that call a kernel contain its LLVM code, so its own
-    machine code is executed only if Python calls it or if it is linked.
+    Its code is optimized, and its machine code generated, when its address is requested: the
+    kernels that call a kernel contain its LLVM code, so its own machine code is executed only if
+    Python calls it or if it is linked.
     """
 
+    complete = False  # whether the callees are linked
     generated = False
 
     @property
@@ -70,8 +70,16 @@ class _Library(JITCPUCodegen._library_class):
         """Add LLVM code to this library."""
         self._final_module.link_in(ll_module)
 
+    def finalize(self) -> None:
+        """Link the callees."""
+        if not self.complete:
+            super().finalize()
+
+    def _optimize_final_module(self) -> None:
+        """Leave the code as it is."""
+
     def _finalize_final_module(self) -> None:
-        self._finalized = True
+        self.complete = True
         if not any(self._final_module.functions):  # loaded together with its machine code
             self._generate()
 
@@ -84,12 +92,12 @@ class _Library(JITCPUCodegen._library_class):
 
     def get_pointer_to_function(self, name: str) -> Any:
         """Return the address of a function; 0 if this library does not define it."""
-        if not self._finalized:
-            self.finalize()
+        self.finalize()
         if not self.generated and name in (one.name for one in self.get_defined_functions()):
             for function in self._final_module.functions:
                 if function.linkage.name == "linkonce_odr":
                     function.linkage = "internal"
+            super()._optimize_final_module()
             self._generate()
         return super().get_pointer_to_function(name)
 

@@ -27,7 +27,7 @@ USED = {
     "_values": "the options of a compilation that are set",
     "_library_class": "the class of new libraries, which ours replaces",
     "_final_module": "the LLVM code of a library",
-    "_finalized": "whether callers can include a library, before it has machine code",
+    "_optimize_final_module": "optimizes LLVM code; ours does so when the address is requested",
     "_finalize_final_module": "generates machine code; ours does so when the address is requested",
     "_cache": "where a kernel looks for stored compilations",
     "_reduce": "the parts of a compilation that are stored",
