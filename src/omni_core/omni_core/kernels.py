@@ -79,7 +79,10 @@ def declares(
     def decorate(function: _F) -> _F:
         entry = declare(for_callers=False)(function)
         callee = functools.cache(lambda: declare(no_cpython_wrapper=True)(function))
-        entry.get_call_template = lambda *arguments: callee().get_call_template(*arguments)
+        # A constant argument has its ordinary type: a kernel is not compiled for each value.
+        entry.get_call_template = lambda positional, named: callee().get_call_template(
+            [*map(numba.types.unliteral, positional)], named
+        )
         entry.get_overload = lambda signature: callee().get_overload(signature)
         return cast(_F, entry)
 
