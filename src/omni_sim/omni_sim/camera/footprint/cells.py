@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from omni_core.kernels import inlined, kernel
+from omni_core.kernels import kernel, lean_inline
 from omni_core.quantities import Float32Array, FloatArray, Int32Array
 from omni_sim.camera.footprint.rows import CLASSES, HALF, ONE, POINT
 
@@ -140,7 +140,7 @@ def read_pixels(integral: FloatArray, edges: Edges, values: FloatArray, line: Fl
         line[pixel] = np.float32((values[pixel + 1] - values[pixel]) * scale) + middle
 
 
-@inlined
+@lean_inline
 def _reading(integral: FloatArray, at: int) -> float:
     """Return the integral at a position [cells, fixed point], interpolated linearly."""
     cell = at >> POINT

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from omni_core.kernels import inlined, kernel
+from omni_core.kernels import kernel, lean_inline
 from omni_core.quantities import Int8Array, Int16Array, Int32Array, IntArray
 
 POINT = 24
@@ -134,7 +134,7 @@ def place_rows(texels: int, stride: int, placement: Placement, rows: Rows) -> No
         row = texels - 1 if downwards else 0
 
 
-@inlined
+@lean_inline
 def _rounding(row: int) -> int:
     """Return the fixed-point number that is added to a row's shift before the sum is rounded down.
 
@@ -224,7 +224,7 @@ def add_rows(
             totals[c] += np.int32(sums[c]) << WEIGHT_BITS
 
 
-@inlined
+@lean_inline
 def _add_four_rows(
     texture: Int8Array, rows: Rows, listed: IntArray, count: int, sums: Int16Array
 ) -> None:
@@ -251,7 +251,7 @@ def _add_four_rows(
     _add_ends(texture, offsets, bounds, (max(first, outer), last), sums)
 
 
-@inlined
+@lean_inline
 def _add_ends(
     texture: Int8Array,
     offsets: _Four,
@@ -279,13 +279,13 @@ def _add_ends(
         sums[c] += total
 
 
-@inlined
+@lean_inline
 def _between(start: int, column: np.int16, end: int) -> np.int16:
     """Return 1 if a column is in a range, otherwise 0; a branch could not be vectorized."""
     return np.int16(np.int16(start) <= column) & np.int16(column < np.int16(end))
 
 
-@inlined
+@lean_inline
 def _four(numbers: IntArray, listed: IntArray) -> _Four:
     """Return the entries of `numbers` for the first four listed rows."""
     return (
@@ -296,7 +296,7 @@ def _four(numbers: IntArray, listed: IntArray) -> _Four:
     )
 
 
-@inlined
+@lean_inline
 def _unsigned(numbers: _Four) -> tuple[Any, Any, Any, Any]:
     """Return four numbers as unsigned indices."""
     return (
