@@ -79,6 +79,7 @@ def _receive(constants: Constants, memory: Memory, inputs: Inputs) -> tuple[bool
     return ready, law.Motion(*motion)
 
 
+@linked
 @lean
 def _check_and_estimate(
     constants: Constants, memory: Memory, inputs: Inputs

@@ -30,7 +30,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from omni_core.kernels import by_reference, kernel, lean
+from omni_core.kernels import by_reference, kernel, lean, linked
 from omni_core.quantities import GRAVITY, SECOND_NS, FloatArray, IntArray
 from omni_core.signals import ImuSample
 from omni_sim import faults as sensor_faults
@@ -259,6 +259,7 @@ class Sensors:
         self._velocity.state_covariance(self.twist.value, self.twist.covariance)
 
 
+@linked
 @lean
 def measure(instruments: Instruments, truth: Truth, draw: FloatArray, readings: Readings) -> int:
     """Write the readings of all sensors; this function must be called once per stamp.
