@@ -46,8 +46,8 @@ _ROCKING_SPEED, _ROCKING_YAW_RATE = 0.4, 0.4  # m/s, rad/s; limits for a rocking
 _NEVER_PRESSED = "the brake pedal is never pressed"
 _NO_REST = "the vehicle does not come to rest in this history"
 _NO_DIRECTION = "braking starts at standstill, so there is no direction of motion"
-NO_ODOMETRY = "the odometry measured nothing"
-"""Note of a metric that needs the twist of the odometry."""
+NO_ODOMETRY = "no twist of the odometry can be compared with the true motion"
+"""Note of a metric that needs the twist of the odometry and, as in simulation, the true motion."""
 _NO_ENABLES = "there are no brake enables"
 _FAULTS = frozenset(state.value for state in AssistState if state.is_fault)
 _NO_STATES = "there are no states of the brake assistant"

@@ -130,7 +130,11 @@ def read_streams(
             )
     for topic in required:
         if topic.name not in messages:
-            raise BagError(bag.path, f"there is no message on {topic.path}")
+            raise BagError(
+                bag.path,
+                f"there is no message on {topic.path}; topics that the vehicle must publish: "
+                "docs/real_vehicle.md",
+            )
     return {name: Stream.of(entries) for name, entries in messages.items()}
 
 
@@ -172,12 +176,20 @@ def _to_history(streams: Mapping[str, Stream], assistant: str) -> RunHistory:
     arrays: dict[str, Any] = {
         name: sampled(name) for name, (topic, _) in SOURCES.items() if topic != topics.GROUND_TRUTH
     }
+    arrays["pedal"] = _held(arrays["pedal"])
     return RunHistory.from_quaternions(
         wheel_names=wheel_names,
         **motion,
         **arrays,
         assist_state=_assist_states(stamps, streams.get(topics.DIAGNOSTICS.name), assistant),
     )
+
+
+def _held(values: FloatArray) -> FloatArray:
+    """Return values of which each holds until the next known one; NaN before the first."""
+    known = np.isfinite(values)
+    newest = np.maximum.accumulate(np.where(known, np.arange(len(values)), 0))
+    return values[newest]
 
 
 def _true_motion(truth: Stream) -> dict[str, Any]:
@@ -204,7 +216,10 @@ def _integrated(streams: Mapping[str, Stream]) -> dict[str, Any]:
     twists = np.reshape([measured_twist(message.twist) for message in messages], (-1, 3))
     known = np.all(np.isfinite(twists), axis=1)
     if stream is None or not np.any(known):
-        raise ValueError(f"neither /{_TRUTH} nor a measured /{_ESTIMATE} is recorded")
+        raise ValueError(
+            f"neither /{_TRUTH} nor a measured /{_ESTIMATE} is recorded; sources of the twist: "
+            "docs/which_sensor.md"
+        )
     stamp_ns = streams[_WHEELS].stamp_ns
     time, measured_at = (1e-9 * (one - stamp_ns[0]) for one in (stamp_ns, stream.stamp_ns[known]))
     twist = np.column_stack([np.interp(time, measured_at, values) for values in twists[known].T])

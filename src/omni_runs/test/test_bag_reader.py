@@ -272,6 +272,17 @@ def test_values_without_a_message_are_missing(tmp_path: Path, run: RunHistory) -
     assert np.flatnonzero(np.isnan(back.enable[:, 0])).tolist() == [7]
 
 
+def test_the_pedal_stays_down_between_two_messages(tmp_path: Path, run: RunHistory) -> None:
+    pressed = np.flatnonzero(run.pedal > 0.0)
+    late = {*pressed[1::2].tolist()}
+    bag = write_bag(
+        tmp_path / "bag",
+        run,
+        change=lambda topic, k, entry: None if topic == "brake/pedal" and k in late else entry,
+    )
+    assert np.flatnonzero(read_run(bag).pedal > 0.0).tolist() == pressed.tolist()
+
+
 @pytest.mark.parametrize("topic", ["wheel_states", "brake/pedal"])
 def test_a_topic_that_every_run_has_is_missed(tmp_path: Path, run: RunHistory, topic: str) -> None:
     bag = write_bag(tmp_path / "bag", run, without=(topic,))
