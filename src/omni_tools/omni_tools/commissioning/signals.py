@@ -1,7 +1,8 @@
 """Signals of a recorded commissioning drive: three slow motions and some stops.
 
 The vehicle is driven forward, to the left and counter-clockwise, each time from rest to rest over a
-measured distance or angle. It is then driven and braked in several directions.
+measured distance or angle. It is then driven and braked in several directions. If a velocity
+command of zero brakes, the three motions end with braking, too.
 """
 
 import math
@@ -236,29 +237,31 @@ def motions_of(drive: Signals, wheels: Sequence[str] = ()) -> Motions:
         wheels: names of the wheels, for messages.
 
     Raises:
-        ConfigurationError: the run does not contain three motions without braking, followed by a
-            stop.
+        ConfigurationError: the run does not contain three motions, followed by a stop; or brakes
+            end some of the motions, but not all.
     """
-    free = np.nan_to_num(drive.pedal) <= 0.0
-    if np.all(free):
-        raise ConfigurationError(
-            _PEDAL, "is 0 or unknown during the whole recording; brake after the three motions"
-        )
     # The mean over 0.1 s removes the encoder steps of a wheel that moves slowly.
     smooth = uniform_filter1d(np.nan_to_num(drive.wheel_speed), round(0.1 / drive.period), axis=0)
     speed = np.max(np.abs(smooth), axis=1)
-    begin = int(np.argmax(~free))
-    found = _runs(speed[:begin], drive.period)
-    if len(found) != len(MOTIONS) + 1:
-        _check_rest(smooth[:begin], np.max(speed), wheels)
+    found = _runs(speed, drive.period)
+    turning = np.max(np.abs(np.nan_to_num(drive.wheel_speed)), axis=1) > _MOVES[0] * np.max(speed)
+    pressed = turning & (np.nan_to_num(drive.pedal) > 0.0)
+    stops = [bool(np.any(pressed[row][np.argmax(speed[row]) :])) for row in found]
+    if not any(stops):
+        raise ConfigurationError(
+            _PEDAL, "is 0 or unknown in all motions; brake after the three motions"
+        )
+    free = stops.index(True)
+    if free != len(MOTIONS) and not (all(stops) and len(stops) > len(MOTIONS)):
+        _check_rest(smooth[: found[free].stop], np.max(speed), wheels)
         raise ConfigurationError(
             "recording",
-            f"has {max(len(found) - 1, 0)} motions before the first stop, must have three: drive "
+            f"has {free} motions before the first stop, must have three: drive "
             f"{', '.join(MOTIONS)}, with a pause after each, then drive and brake",
         )
-    rows = found[: len(MOTIONS)]
-    after = np.flatnonzero(speed[found[-1].start :] > 0.02 * np.max(speed))
-    last = found[-1].start + int(after[-1]) + 1
+    rows, first = found[: len(MOTIONS)], found[len(MOTIONS)].start
+    after = np.flatnonzero(speed[first:] > 0.02 * np.max(speed))
+    last = first + int(after[-1]) + 1
     begun = [slice(row.start, row.start + max((row.stop - row.start) // 5, 5)) for row in rows]
     dt = drive.period
     return Motions(
@@ -272,7 +275,7 @@ def motions_of(drive: Signals, wheels: Sequence[str] = ()) -> Motions:
                 for start, row in zip(begun, rows, strict=True)
             ]
         ),
-        stop=slice(found[-1].start, last),
+        stop=slice(first, last),
     )
 
 

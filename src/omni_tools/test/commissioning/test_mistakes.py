@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 import yaml
 from made_drives import CONFIG, Wheels, described, drive, findings, found, swapped
+from scipy.ndimage import uniform_filter1d
 
 from omni_core.configuration import ConfigurationError
 from omni_core.geometry import WheelMount
@@ -416,6 +417,18 @@ def test_forty_random_vehicles_without_mistakes_are_found_correct() -> None:
         vehicle = dataclasses.replace(described(), wheels=wheels)
         stated = Stated(np.array([known[0], known[0], known[1]]))
         assert find_mistakes(vehicle, signals, motions, stated).mistakes == []
+
+
+def test_a_velocity_command_of_zero_may_brake_each_motion_and_the_parked_vehicle(
+    forklift: tuple[Wheels, Signals, tuple[float, float]],
+) -> None:
+    wheels, signals, known = forklift
+    speed = np.max(np.abs(signals.wheel_speed), axis=1)
+    slower = np.append(np.diff(uniform_filter1d(speed, 20)) < 0.0, True)
+    slower[motions_of(signals).stop] = False
+    for braked in (speed < 0.1, (speed < 0.1) | slower):
+        pedal = np.maximum(signals.pedal, braked)
+        assert found(wheels, signals._replace(pedal=pedal), known) == []
 
 
 def test_a_drive_that_is_not_the_expected_one_is_refused(
