@@ -317,7 +317,9 @@ class LimitVehicle:
         bound = max(-float(dual), -float(found.fun))
         # The forces at rest are admissible, and the admissible set is convex. Therefore the forces
         # divided by the largest excess are admissible too.
-        share = float(np.max(np.abs(force) / np.maximum(case.friction * self.peak(load), 1e-9)))
+        # The tangents allow a wheel without load a force up to their smallest offset.
+        peak = np.maximum(case.friction * self.peak(load), np.min(self._offset))
+        share = float(np.max(np.abs(force) / peak))
         return Deceleration(bound, -float(found.fun) / max(1.0, share), force, load)
 
     def _allowed(self, along: FloatArray, case: Case) -> tuple[FloatArray, FloatArray]:

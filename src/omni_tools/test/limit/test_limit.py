@@ -14,6 +14,7 @@ from omni_runs.compiled import run_fast_loop
 from omni_runs.experiment import ExperimentLibrary
 from omni_runs.limit.bounds import (
     any_heading_bound,
+    heading_bound,
     limit_share,
     maneuver_of,
     straight_bound,
@@ -98,6 +99,14 @@ def test_straight_line_has_the_known_bound(forklift: VehicleConfiguration) -> No
     assert bound.distance == pytest.approx(8.65, abs=0.005)
     assert 0.0 <= bound.gap < 1e-3
     assert any_heading_bound(forklift, FLAT, _moving(10.0)).distance < bound.distance
+
+
+@pytest.mark.parametrize("direction", [0.0, 45.0])
+def test_the_gap_is_small_although_a_wheel_lifts_off(
+    library: ExperimentLibrary, direction: float
+) -> None:
+    robot = library.vehicle("three_wheel_robot")
+    assert heading_bound(robot, FLAT, _moving(3.0, direction)).gap < 1e-3
 
 
 @pytest.mark.parametrize("direction", [0.0, 20.0, 90.0, 135.0])
