@@ -437,6 +437,26 @@ def test_what_cannot_be_recorded_is_reported_in_one_sentence(
     assert not (tmp_path / "run").exists()
 
 
+def test_a_recorder_that_nobody_reads_logs_the_topics_without_messages(
+    graph: Graph, tmp_path: Path
+) -> None:
+    _, _, *by_hand = command(tmp_path, parameters(tmp_path / "run", CAMERAS))
+    process = subprocess.Popen(
+        by_hand,
+        env=graph.environment,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    publisher = graph.publisher(Image, CAMERAS[0], depth=1)
+    wait_for_match([publisher])
+    send(publisher, [serialized_image(0)])
+    code, _, logged = Recorder(process, tmp_path / "run").end(signal.SIGINT)
+    assert code == 0
+    assert "recorded 1 messages" in logged
+    assert f"no message on {', '.join(CAMERAS[1:])}" in logged
+
+
 def test_messages_of_the_middleware_leave_stdout_alone(graph: Graph, tmp_path: Path) -> None:
     # Files of at most a kilobyte: Fast DDS complains that it has no shared memory.
     wrong = parameters(tmp_path / "run", CAMERAS[:1]) | {"compression": "gzip"}

@@ -2,10 +2,11 @@
 
 Messages are not decoded, except for odometry messages that are also recorded as `/tf`. On SIGINT or
 SIGTERM, the node stores the messages received so far, closes the recording, and reports
-``{"recorded": {topic: count}}``, see `environment.report`.
+``{"recorded": {topic: count}}``, see `environment.report`, or logs it if no process reads reports.
 """
 
 import contextlib
+import os
 import time
 from collections.abc import Mapping
 from functools import partial
@@ -19,7 +20,7 @@ from omni_recording import clock, definitions, plan, write
 from omni_recording.metadata import RecordedQos, RecordedTopic
 from omni_recording.transforms import ODOMETRY_TYPE, RecordedTransforms
 from omni_ros import parameters, process, publisher_guard
-from omni_ros.environment import report
+from omni_ros.environment import REPORT_VARIABLE, report
 from omni_ros.messages import message_class
 from omni_ros.qos import LATCHED, RELIABLE
 
@@ -140,6 +141,16 @@ def record(node: RecorderNode, spinner: process.Spinner) -> None:
         with contextlib.suppress(write.RecordingError):  # after any other error
             node.finish()
         report({"recorded": node.writer.counts})
+        if REPORT_VARIABLE not in os.environ:
+            _log(node)
+
+
+def _log(node: RecorderNode) -> None:
+    """Log how many messages are recorded, and the topics without any."""
+    counts = node.writer.counts
+    node.get_logger().info(f"recorded {sum(counts.values())} messages")
+    if empty := [topic for topic, count in counts.items() if not count]:
+        node.get_logger().warning(f"no message on {', '.join(empty)}")
 
 
 def _take(node: RecorderNode, spinner: process.Spinner, pause: float = 0.02) -> None:
