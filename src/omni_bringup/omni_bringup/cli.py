@@ -261,7 +261,10 @@ class _Parser(argparse.ArgumentParser):
         found = re.match(r"unrecognized arguments: (--[^ =]+)", message)
         if found:
             options = re.findall(r"--[\w-]+", self.format_usage())
-            message += configuration.did_you_mean(found[1], options)
+            hint = configuration.did_you_mean(found[1], options)
+            if not hint and "--set" in options:
+                hint = "; --set KEY=VALUE changes any value of the experiment"
+            message += hint
         super().error(configuration.shortened(message))
 
     def exit(self, status: int = 0, message: str | None = None) -> NoReturn:

@@ -27,6 +27,7 @@ def workspace(monkeypatch: pytest.MonkeyPatch) -> None:
     [
         (["run", "--json", "strait_line"], "run", "'strait_line' is not known"),
         (["run", "--jsn", "--json"], "run", "unrecognized arguments: --jsn"),
+        (["run", "--vehicle", "x", "--json"], "run", "--vehicle; --set KEY=VALUE changes"),
         (["run", "--json", "--set", "vehicle.load.mass=-1"], "run", "-1 kg is out of range"),
         (["bag", "info", "nowhere", "--json"], "bag_info", "nowhere: there is no such"),
         (["ros-params", "no.yaml", "--out", "x", "--json"], "ros-params", "cannot read no.yaml"),
