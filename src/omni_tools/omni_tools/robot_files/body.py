@@ -161,5 +161,6 @@ def find_sensors(found: Described, robot: Robot) -> None:
         )
     if ahead:
         found.questions.append(
-            f"no view of the ground: {some(ahead)}; which sensor measures the speed over it?"
+            f"no view of the ground: {some(ahead)}; which sensor measures the speed over it? "
+            "(docs/which_sensor.md)"
         )
