@@ -437,7 +437,7 @@ def test_what_cannot_be_recorded_is_reported_in_one_sentence(
     assert not (tmp_path / "run").exists()
 
 
-def test_a_recorder_that_nobody_reads_logs_the_topics_without_messages(
+def test_a_recorder_without_a_reader_of_reports_logs_the_topics_without_messages(
     graph: Graph, tmp_path: Path
 ) -> None:
     _, _, *by_hand = command(tmp_path, parameters(tmp_path / "run", CAMERAS))
