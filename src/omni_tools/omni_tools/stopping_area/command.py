@@ -69,6 +69,7 @@ def run(options: Options, workspace: ExperimentWorkspace) -> Report:
         files=(
             write_text(folder / "collision_monitor.yaml", document),
             save_figure(figure, folder / "areas.png"),
+            folder / "stops.csv",
         ),
         summary=folder,
     )
