@@ -158,6 +158,7 @@ def test_a_sensor_without_a_gyro_is_refused_off_the_center(tmp_path: Path) -> No
             "sensors: {left: {x: 0, y: 0.1, heading_deg: 0}}\ntwist_adapter: {gyro: imu}",
             "twist_adapter: is for exactly one of flow_sensors",
         ),
+        ("vehicle: mecanum_forklift\ntwist_adapter: {gyro: imu}", "not an experiment"),
     ],
 )
 def test_an_unsuitable_key_is_refused(added: str, problem: str, tmp_path: Path) -> None:

@@ -415,6 +415,7 @@ def _problem(sensors: Mapping[str, Mount], minimum_lever: float, axle: float | N
         hint = " (a flow sensor counts as two)" if len(matrix) > len(sensors) else ""
         if len(matrix) == 2:
             hint += "; two suffice with an axle that does not slip sideways (kinematics.constraint)"
+            hint += ", and one flow sensor with a gyro (twist_adapter)"
         return (
             f"three sensors are needed to measure the twist, but there are {len(sensors)}: {names}"
             + hint

@@ -227,6 +227,9 @@ def read_hardware(name: str, library: ExperimentLibrary) -> Hardware:
             check_choice("CONFIGURATION", name, known)
             return Hardware.of(library.load(name))
     tree = read_mapping(path, "CONFIGURATION")
+    if TWIST_ADAPTER in tree and ("variants" in tree or "vehicle" in tree):
+        problem = "is for a file such as config/hardware/wheel_twist_agv.yaml, not an experiment"
+        raise ConfigurationError(TWIST_ADAPTER, problem)
     if "variants" in tree:
         return Hardware.of(library.load(str(path)))
     if "vehicle" in tree:
