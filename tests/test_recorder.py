@@ -451,6 +451,7 @@ def test_a_recorder_without_a_reader_of_reports_logs_the_topics_without_messages
     publisher = graph.publisher(Image, CAMERAS[0], depth=1)
     wait_for_match([publisher])
     send(publisher, [serialized_image(0)])
+    assert publisher.wait_for_all_acked(Duration(seconds=TIMEOUT))
     code, _, logged = Recorder(process, tmp_path / "run").end(signal.SIGINT)
     assert code == 0
     assert "recorded 1 messages" in logged
