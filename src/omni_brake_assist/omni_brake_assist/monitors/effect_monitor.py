@@ -15,8 +15,9 @@ all encoders and the twist share therefore does not shorten the computed distanc
 such an error cannot be observed, and ``v`` decreases by at most `loss` per second. While all brakes
 act, nothing is added to ``M``.
 
-With an IMU, ``a`` is the low-passed specific force, plus the low-passed decrease of the speed of
-the wheels about their center. Without an IMU, it is the difference between ``v`` and its low-pass.
+With an IMU, ``a`` is the low-passed specific force, without the centripetal acceleration of the IMU
+about the center of the wheels, plus the low-passed decrease of the speed of the wheels about their
+center. Without an IMU, it is the difference between ``v`` and its low-pass.
 The deceleration ``c`` is `least_loss`, scaled by the pedal position. It does not depend on earlier
 decelerations in the stop: on ice under one side of the vehicle, the assistant can only keep the
 heading with little deceleration, because it has to release brakes on the other side.
@@ -93,6 +94,8 @@ class EffectConstants(NamedTuple):
         slip: slip at which a rim uses all of its friction [1], shape (N,).
         sliding: share of the friction of all wheels that `least_loss` assumes [1].
         reach: largest speed of a rolling rim per yaw rate [m].
+        imu_x: position of the IMU relative to the center of the wheels, x [m].
+        imu_y: position of the IMU, y [m].
         empty: initial record of the memory, which is copied for a reset, shape (1,).
         allowance: missed distance that is allowed per initial speed, because brakes act with a
             delay [s].
@@ -112,6 +115,8 @@ class EffectConstants(NamedTuple):
     slip: FloatArray
     sliding: float
     reach: float
+    imu_x: float
+    imu_y: float
     empty: NDArray[np.void]
     allowance: float
     least_loss: float
@@ -137,6 +142,8 @@ def effect_constants(
         slip=configuration.allocation.target_slip * geometry.radius / np.abs(geometry.rim),
         sliding=least / LEAST_FRICTION,
         reach=float(np.max(np.abs(geometry.lever))),
+        imu_x=configuration.imu_x,
+        imu_y=configuration.imu_y,
         empty=effect_memory(),
         allowance=0.15 + configuration.brake.settling_time,
         least_loss=least,
@@ -170,8 +177,8 @@ def watch_effect(
         inertial: yaw rate [rad/s] and specific force along x and y [m/s^2], shape (3,); NaN where
             unknown.
     """
-    turn, force_x, force_y = abs(inertial[0]), inertial[1], inertial[2]
-    ledger, top, known = memory[0], 0.0, False
+    rate, force_x, force_y = measured = _at_center(constants, inertial)
+    ledger, turn, top, known = memory[0], abs(rate), 0.0, False
     for i in range(speeds.size):
         rim = abs(constants.roll[i] * speeds[i])
         if math.isfinite(rim):
@@ -189,8 +196,8 @@ def watch_effect(
     turned = turned if math.isfinite(turned) else 0.0
     ledger.turn = turn
     ledger.speed = max(top, ledger.speed - (loss * dt if known else 0.0) - turned, 0.0)
-    _integrate(ledger, dt, inertial)
-    used = _used_friction(constants, ledger, speeds, inertial[0])
+    _integrate(ledger, dt, measured)
+    used = _used_friction(constants, ledger, speeds, rate)
     ledger.used += (1.0 - math.exp(-dt / constants.force_time)) * (used - ledger.used)
     slides = min(ledger.used / constants.sliding, 1.0)
     expected = pedal * constants.least_loss
@@ -208,6 +215,14 @@ def watch_effect(
     if released and (late or ledger.stalled > constants.force_time or ledger.missed > bound):
         ledger.tripped = True
     return bool(ledger.tripped)
+
+
+@lean
+def _at_center(constants: EffectConstants, inertial: FloatArray) -> Triple:
+    """Return readings of the IMU without its centripetal acceleration, if the yaw rate is known."""
+    spin = inertial[0] ** 2 if math.isfinite(inertial[0]) else 0.0
+    x, y = spin * constants.imu_x, spin * constants.imu_y
+    return inertial[0], inertial[1] + x, inertial[2] + y
 
 
 @lean
@@ -233,14 +248,15 @@ def _rolling_velocity(constants: EffectConstants, ledger: Any, speeds: FloatArra
 
 
 @lean
-def _integrate(ledger: Any, dt: float, inertial: FloatArray) -> None:
+def _integrate(ledger: Any, dt: float, inertial: Triple) -> None:
     """Advance the velocity of the memory by one step with the readings of the IMU, if known."""
-    if not math.isfinite(inertial[0] + inertial[1] + inertial[2]):
+    rate, force_x, force_y = inertial
+    if not math.isfinite(rate + force_x + force_y):
         return
-    c, s = math.cos(inertial[0] * dt), math.sin(inertial[0] * dt)
+    c, s = math.cos(rate * dt), math.sin(rate * dt)
     v_x, v_y = ledger.v_x, ledger.v_y
-    ledger.v_x = c * v_x + s * v_y + inertial[1] * dt
-    ledger.v_y = c * v_y - s * v_x + inertial[2] * dt
+    ledger.v_x = c * v_x + s * v_y + force_x * dt
+    ledger.v_y = c * v_y - s * v_x + force_y * dt
 
 
 @lean

@@ -110,6 +110,24 @@ def test_a_vehicle_that_rolls_unbraked_is_braked(
     assert found <= within
 
 
+@pytest.mark.parametrize("speed", [0.0, START])
+def test_a_position_beside_the_axis_of_a_spin_hides_no_missing_effect(
+    mecanum: dict[str, WheelMount], speed: float
+) -> None:
+    found, rate = [], 2.0
+    for imu_x in (0.0, 0.6):
+        configuration = BrakeAssistConfiguration(wheels=mecanum, imu_x=imu_x)
+        constants = effect_constants(configuration, PlatformGeometry.from_wheels(mecanum))
+        speeds = constants.active @ np.array([speed, 0.0, rate]) / constants.roll
+        felt, ledger = np.array([rate, -(rate**2) * imu_x, 0.0]), effect_memory()
+        watch_effect(constants, ledger, DT, 0.0, False, speeds, felt)
+        steps = range(1, 3000)
+        trips = (watch_effect(constants, ledger, DT, 1.0, True, speeds, felt) for _ in steps)
+        found.append(next((step for step, trip in zip(steps, trips, strict=False) if trip), None))
+    assert found[0] is not None
+    assert found[1] == found[0]
+
+
 @pytest.mark.parametrize("imu", [True, False])
 def test_a_known_dead_time_of_the_brakes_is_no_missing_effect(
     mecanum: dict[str, WheelMount], constants: EffectConstants, imu: bool
