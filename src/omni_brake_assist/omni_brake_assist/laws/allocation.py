@@ -49,6 +49,7 @@ def make_constants(
         period=configuration.control_period,
         commands=math.ceil(longest / configuration.control_period) + 3,
         brake=NominalBrake(brake.dead_time, brake.time_constant, brake.pressure_step),
+        follows=brake.is_ramped,
         imu_x=configuration.imu_x,
         imu_y=configuration.imu_y,
         **vars(configuration.allocation)

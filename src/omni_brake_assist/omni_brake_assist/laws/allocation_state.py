@@ -88,6 +88,7 @@ class Constants(NamedTuple):
         period: control period, assumed at the first step [s].
         commands: number of stored commands, enough for the longest dead time.
         brake: nominal lag of the brakes.
+        follows: whether the brakes are drives that follow a speed with unknown torques.
         imu_x: position of the IMU relative to the center of the wheels, x [m].
         imu_y: position of the IMU, y [m].
         target_slip: ratio of the sliding speed to the speed of the rim along the active direction
@@ -113,6 +114,7 @@ class Constants(NamedTuple):
     period: float
     commands: int
     brake: NominalBrake
+    follows: bool
     imu_x: float
     imu_y: float
     target_slip: FloatArray

@@ -65,7 +65,8 @@ def observe_brakes(law: Constants, memory: Memory, motion: Motion) -> bool:
         motion: motion of the vehicle and its wheels.
     """
     body, wheels = memory.body[0], memory.wheel
-    if not math.isfinite(motion.force_x + motion.force_y) or motion.failed_brake != NO_WHEEL:
+    known = math.isfinite(motion.force_x + motion.force_y) and not law.follows
+    if not known or motion.failed_brake != NO_WHEEL:
         wheels["lost"][:] = body.pushed = body.span = 0.0
         return False
     if body.span == 0.0:

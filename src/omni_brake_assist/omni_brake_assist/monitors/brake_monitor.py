@@ -49,9 +49,10 @@ class BrakeConstants(NamedTuple):
         roll: speed of the rim along the active direction per wheel speed [m], shape (N,).
         peak: share of the full pressure that locks a wheel with twice the mean nominal load, less
             than 1 [1], shape (N,).
-        slip: slip of this wheel divided by smaller shares of the pressure; from the slope of the
-            friction curve of `wheel_model` at rolling [1], shape (N,).
-        time: duration of free rolling after which a brake counts as failed [s].
+        slip: slip of this wheel divided by smaller shares of `peak`; from the slope of the friction
+            curve of `wheel_model` at rolling [1], shape (N,).
+        time: duration of free rolling after which a brake counts as failed [s]; inf for drives that
+            follow a speed, because a wheel that follows it may roll.
     """
 
     n_x: FloatArray
@@ -84,12 +85,12 @@ def brake_constants(
 ) -> BrakeConstants:
     """Return the constants of the brake monitor for a configuration and wheel geometry."""
     n_x, n_y = np.ascontiguousarray(geometry.active.T)
-    time = 0.1 + configuration.brake.settling_time
+    time = np.inf if configuration.brake.is_ramped else 0.1 + configuration.brake.settling_time
     force, rim = configuration.brake.max_torque / np.abs(geometry.rim), geometry.rim
     load = 2.0 / rim.size * configuration.nominal_mass * GRAVITY
     # With full pressure a brake counts as able to lock this wheel, even if the mass is unknown.
     peak = np.minimum(load / np.maximum(force, 1e-9), 1.0 - RELEASED)
-    slip = 0.5 * configuration.allocation.target_slip * geometry.radius / np.abs(rim) / peak
+    slip = 0.5 * configuration.allocation.target_slip * geometry.radius / np.abs(rim)
     return BrakeConstants(n_x, n_y, geometry.lever, rim, peak, slip, time)
 
 
@@ -147,7 +148,8 @@ def watch_brakes(
             memory[i] = 0.0
         memory[net] = max(memory[net] + (dt if acts else -dt), 0.0)
         if acts and fast and (memory[-1] < _SLIDE_VALIDITY or abs(deviation) > ROLLS):
-            slip = constants.slip[i] * pressure if pressure < constants.peak[i] else 1.0
+            peak = constants.peak[i]
+            slip = constants.slip[i] * pressure / peak if pressure < peak else 1.0
             equal = min(ROLLS, 0.5 * slip * abs(hub) / error)
             memory[i] = max(memory[i] + (equal**2 - deviation**2) / ROLLS**2 * dt, 0.0)
         if memory[i] > constants.time:

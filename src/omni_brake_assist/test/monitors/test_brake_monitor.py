@@ -199,3 +199,20 @@ def test_the_other_brakes_act_until_the_pedal_is_released(
     assert not any(dead[90:])
     (reason,) = reasons  # also in steps in which the law releases no brake
     assert "front_left" in reason
+
+
+def test_a_wheel_that_rolls_at_the_speed_of_its_drive_has_a_working_brake(
+    configuration: BrakeAssistConfiguration,
+) -> None:
+    drives = dataclasses.replace(configuration, brake=BrakeConfiguration(kind="velocity"))
+    slips = np.array([0.0, 0.3, 0.3, 0.3])
+    assert found(constants_of(configuration), slips, np.ones(4))[0] == 0
+    assert found(constants_of(drives), slips, np.ones(4))[0] == NO_WHEEL
+
+
+def test_the_smallest_nominal_mass_gives_finite_constants(
+    configuration: BrakeAssistConfiguration,
+) -> None:
+    light = dataclasses.replace(configuration, nominal_mass=5e-324)
+    with np.errstate(all="raise"):
+        assert all(np.all(np.isfinite(constant)) for constant in constants_of(light))
