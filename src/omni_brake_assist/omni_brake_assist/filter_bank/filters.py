@@ -300,6 +300,13 @@ def fuse_twist(
 
 
 @lean
+def wheel_speed(constants: bank.BankConstants, state: FloatArray) -> float:
+    """Return the root mean square of the speeds of the wheels' hubs in a state [m/s]."""
+    v_x, v_y = state[U_X] + state[RATE] * constants.p_y, state[U_Y] - state[RATE] * constants.p_x
+    return math.hypot(math.hypot(v_x, v_y), constants.reach * state[RATE])
+
+
+@lean
 def weigh_braking(
     constants: bank.BankConstants, memory: bank.BankMemory, dt: float, pedal: float
 ) -> None:
@@ -320,8 +327,7 @@ def weigh_braking(
         first = (first - 1) % size
     weight = new_information(dt, constants.wheel_correlation_time)
     for k in range(bank.FILTERS):
-        speed = math.hypot(memory.state[k, U_X], memory.state[k, U_Y])
-        newest.speed[k] = max(speed - constants.swing, 0.0)
+        newest.speed[k] = max(wheel_speed(constants, memory.state[k]) - constants.swing, 0.0)
     earlier = rows[first]
     time = (newest.stamp_ns - earlier.stamp_ns) * 1e-9
     if record.braked < time + constants.spin_up or not record.equipped:

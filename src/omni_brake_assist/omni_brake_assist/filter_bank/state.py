@@ -77,7 +77,7 @@ _ROW = np.dtype(
         ("inertial", "f8", 3),
         ("fresh", "?"),
         ("age", "f8"),
-        # Speed of each filter minus `BankConstants.swing`, at least 0 [m/s].
+        # `filters.wheel_speed` of each filter minus `BankConstants.swing`, at least 0 [m/s].
         ("speed", "f8", FILTERS),
     ]
 )
@@ -118,6 +118,7 @@ class BankConstants(NamedTuple):
         roll: speed of the rim along the active direction per wheel speed [m], shape (N,).
         p_x: position of the IMU, x [m].
         p_y: position of the IMU, y [m].
+        reach: root mean square of the distances of the wheels from their center [m].
         spin_up: time from the release of a brake until its wheel rolls [s].
         delay: latency of a twist that its stamp does not include [ns].
         twist_wait: limit on the time for which the filters wait for a late twist [ns].
@@ -159,6 +160,8 @@ class BankConstants(NamedTuple):
         rows: number of control steps whose readings are stored.
         drop: largest deceleration of the rim of each wheel by its brake, inf if the configuration
             need not describe brakes and wheels [m/s^2], shape (N,).
+        pushes: whether the brakes are drives, which also accelerate a wheel that is slower than its
+            command.
         dead: `DEAD`, or 0 with the law `sliding_mode`, which can leave a brake released that is
             stuck [1].
     """
@@ -169,6 +172,7 @@ class BankConstants(NamedTuple):
     roll: FloatArray
     p_x: float
     p_y: float
+    reach: float
     spin_up: float
     delay: int
     twist_wait: int
@@ -181,6 +185,7 @@ class BankConstants(NamedTuple):
     period: float
     rows: int
     drop: FloatArray
+    pushes: bool
     dead: float
     force: float = 0.02
     walk: float = 1.0
@@ -293,6 +298,7 @@ def bank_constants(
         roll=geometry.rim,
         p_x=p_x,
         p_y=p_y,
+        reach=math.sqrt(np.mean(np.sum(geometry.position**2, axis=1))),
         spin_up=0.03 + configuration.brake.releasing_time,
         delay=round(configuration.feedback_delay * 1e9),
         twist_wait=round((configuration.feedback_delay + configuration.feedback_timeout) * 1e9),
@@ -305,6 +311,7 @@ def bank_constants(
         period=period,
         rows=configuration.steps_until_twist + math.ceil(WINDOW_NS * 1e-9 / period) + 2,
         drop=np.abs(geometry.rim) * torque / configuration.wheel_inertia,
+        pushes=configuration.brake.is_ramped,
         dead=DEAD if modeled else 0.0,
     )
 

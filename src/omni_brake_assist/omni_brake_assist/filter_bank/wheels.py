@@ -14,6 +14,7 @@ from omni_brake_assist.filter_bank.filters import (
     correct,
     new_information,
     variance_along,
+    wheel_speed,
 )
 from omni_brake_assist.filter_bank.state import RATE, SCALE, U_X, U_Y, BankConstants, BankMemory
 from omni_core.kernels import lean
@@ -55,7 +56,7 @@ class _Wheel(NamedTuple):
         span: width of the range of readings of a faulty encoder that does not read 0 [m/s].
         variance: variance of the speed of a rolling rim [m^2/s^2].
         excess: amount by which the rim can exceed its rolling speed while the tire springs back
-            after the brake has been released [m/s].
+            after the brake has been released, or while a drive pushes the wheel [m/s].
         limit: largest slip of the wheel, as a share of the rim's speed in rolling [1].
     """
 
@@ -120,7 +121,7 @@ def fuse_wheels(
             memory.idle[i], memory.mark[i] = 0.0, share
         memory.idle[i] += dt
         variance = own + ((_LAG * change / dt) ** 2 if math.isfinite(change) else 0.0)
-        wheel = _mixture(constants, memory, i, dt, braking, load, variance)
+        wheel = _mixture(constants, memory, i, dt, load, variance, rim - change)
         faulty = memory.faulty[best, i]
         likelihood = (1.0 - faulty) * (wheel.locked + 1.0 / wheel.span) ** weight
         memory.evidence[bank.NO_ESTIMATE] += math.log(likelihood + faulty * wheel.faulty**weight)
@@ -189,7 +190,7 @@ def _slip(constants: BankConstants, memory: BankMemory, push: float) -> float:
     # the one with the lowest yaw rate would have the smallest variance, and thus the largest
     # likelihood.
     state = memory.state[bank.NO_TWIST]
-    ground = math.hypot(state[U_X], state[U_Y])
+    ground = wheel_speed(constants, state)
     return _SLIP * ground * (ground * abs(state[RATE]) if math.isnan(push) else push)
 
 
@@ -199,9 +200,9 @@ def _mixture(
     memory: BankMemory,
     i: int,
     dt: float,
-    braking: bool,
     load: float,
     variance: float,
+    last: float,
 ) -> _Wheel:
     """Return the model of wheel `i` in this step.
 
@@ -210,20 +211,22 @@ def _mixture(
         memory: memory of the bank, changed in place.
         i: index of the wheel.
         dt: length of the step [s].
-        braking: whether the pedal is down.
         load: brake command of the wheel as a share of the largest torque, 0 while its brake is
             released [1].
         variance: variance of the speed of the rim if the wheel rolls and its tire does not spring
             back [m^2/s^2].
+        last: last speed of the rim along the active direction [m/s].
     """
     span = _SPEED_RANGE + _SPEED_SHARE * math.hypot(memory.twist[0], memory.twist[1])
     standing = math.exp(-0.5 * min((memory.rim[i] / bank.WHEEL) ** 2, GATE))
     standing /= math.sqrt(2.0 * math.pi) * bank.WHEEL
     rolls, slides, excess, locked = 1.0 - bank.PRIOR, bank.PRIOR, 0.0, 0.0
-    if braking:
+    if memory.record[0].braked > 0.0:
         fresh = min(constants.rebound_time / max(memory.released[i], dt), 1.0)
         variance += (constants.rebound * fresh) ** 2
         excess = 0.0 if load > 0.0 else constants.overshoot * fresh
+        if constants.pushes and load > 0.0:  # a drive does not speed up its wheel
+            excess = max(abs(last) - _rolling_speed(constants, memory, i), 0.0)
         slides = stays = 0.5 * (1.0 - bank.PRIOR)  # sliding and locked are equally probable
         if memory.released[i] >= constants.spin_up:
             slides *= math.exp(-((memory.idle[i] / _IDLE) ** 2))
@@ -234,7 +237,7 @@ def _mixture(
         possible = math.exp(-0.5 * min((missing / bank.WHEEL) ** 2, GATE))
         slides, locked = slides * possible, locked * possible
     faulty = constants.dead * standing + (1.0 - constants.dead) / span
-    limit = _largest_slip(constants, memory, i, dt, load)
+    limit = 1.0 if constants.pushes else _largest_slip(constants, memory, i, dt, load)
     return _Wheel(rolls, slides, locked, faulty, span, variance, excess, limit)
 
 
