@@ -8,14 +8,8 @@ encoder are comparable.
 import math
 from typing import NamedTuple
 
+from omni_brake_assist.filter_bank import filters
 from omni_brake_assist.filter_bank import state as bank
-from omni_brake_assist.filter_bank.filters import (
-    GATE,
-    correct,
-    new_information,
-    variance_along,
-    wheel_speed,
-)
 from omni_brake_assist.filter_bank.state import RATE, SCALE, U_X, U_Y, BankConstants, BankMemory
 from omni_core.kernels import lean
 from omni_core.quantities import FloatArray
@@ -103,7 +97,7 @@ def fuse_wheels(
     braking = pedal > 0.0
     # Without an estimate, encoders are as probably faulty as under the best hypothesis.
     best = min(record.best, bank.NO_IMU)
-    weight = new_information(dt, constants.wheel_correlation_time)
+    weight = filters.new_information(dt, constants.wheel_correlation_time)
     repeated = braking and _is_repeated(constants, memory, speeds)
     for i in range(speeds.size):
         rim = constants.roll[i] * speeds[i]
@@ -190,7 +184,7 @@ def _slip(constants: BankConstants, memory: BankMemory, push: float) -> float:
     # the one with the lowest yaw rate would have the smallest variance, and thus the largest
     # likelihood.
     state = memory.state[bank.NO_TWIST]
-    ground = wheel_speed(constants, state)
+    ground = filters.wheel_speed(constants, state)
     return _SLIP * ground * (ground * abs(state[RATE]) if math.isnan(push) else push)
 
 
@@ -218,7 +212,7 @@ def _mixture(
         last: last speed of the rim along the active direction [m/s].
     """
     span = _SPEED_RANGE + _SPEED_SHARE * math.hypot(memory.twist[0], memory.twist[1])
-    standing = math.exp(-0.5 * min((memory.rim[i] / bank.WHEEL) ** 2, GATE))
+    standing = math.exp(-0.5 * min((memory.rim[i] / bank.WHEEL) ** 2, filters.GATE))
     standing /= math.sqrt(2.0 * math.pi) * bank.WHEEL
     rolls, slides, excess, locked = 1.0 - bank.PRIOR, bank.PRIOR, 0.0, 0.0
     if memory.record[0].braked > 0.0:
@@ -234,7 +228,7 @@ def _mixture(
             stays *= math.exp(-((memory.idle[i] / held) ** 2))
         rolls, locked = 1.0 - slides - stays, stays * standing
         missing = max(memory.slowest[i] - abs(memory.rim[i]), 0.0)
-        possible = math.exp(-0.5 * min((missing / bank.WHEEL) ** 2, GATE))
+        possible = math.exp(-0.5 * min((missing / bank.WHEEL) ** 2, filters.GATE))
         slides, locked = slides * possible, locked * possible
     faulty = constants.dead * standing + (1.0 - constants.dead) / span
     limit = 1.0 if constants.pushes else _largest_slip(constants, memory, i, dt, load)
@@ -292,18 +286,19 @@ def _fuse_wheel(
     h[:] = 0.0
     h[U_X], h[U_Y], h[RATE], h[SCALE] = factor * n_x, factor * n_y, factor * lever, ground
     reading = (bank.SHARE * ground) ** 2
-    variance, predicted = own + reading, variance_along(memory.covariance[k], h)
+    variance, predicted = own + reading, filters.variance_along(memory.covariance[k], h)
     total = variance + predicted
     innovation = rim - factor * ground
     squared = innovation**2 / total
-    rolling = rolls * math.exp(-0.5 * min(squared, GATE)) / math.sqrt(2.0 * math.pi * total)
+    rolling = rolls * math.exp(-0.5 * min(squared, filters.GATE)) / math.sqrt(2.0 * math.pi * total)
     # The speed of a sliding rim is uniformly distributed, plus the errors of reading and state.
     behind = excess - (innovation if ground >= 0.0 else -innovation)
     width = max(abs(factor * ground) * limit + excess, bank.WHEEL)
     spread = math.sqrt(2.0 * (bank.WHEEL**2 + reading + predicted))
     inside = math.erf(behind / spread) - math.erf((behind - width) / spread)
     sliding = locked + slides * 0.5 * inside / width
-    possible, weight = rolling + sliding, new_information(dt, constants.wheel_correlation_time)
+    possible = rolling + sliding
+    weight = filters.new_information(dt, constants.wheel_correlation_time)
     faulty = memory.faulty[k, i]
     for other in memory.faulty[k]:
         faulty = min(faulty, bank.PRIOR) if other > faulty else faulty
@@ -312,11 +307,11 @@ def _fuse_wheel(
     memory.evidence[k] += math.log((1.0 - faulty) * possible**weight + faulty * wrong**weight)
     if (1.0 - faulty) * rolling > 0.5 * ((1.0 - faulty) * possible + faulty * wrong):
         if k == memory.record[0].best:
-            memory.wheel_ratio[i] = squared / GATE
+            memory.wheel_ratio[i] = squared / filters.GATE
         # Driven wheels slip in a turn. They may therefore correct the scale of the wheel radii, but
         # no bias of another sensor. Without a twist, only the wheels can correct the biases.
         first = SCALE if memory.record[0].received else bank.BIAS_RATE
-        correct(memory, k, innovation, variance, (first, SCALE))
+        filters.correct(memory, k, innovation, variance, (first, SCALE))
     # Bayes' rule. A reading that sliding could explain is no evidence that the encoder works.
     odds, faulty = (rolling + min(sliding, wrong)) / wrong, memory.faulty[k, i]
     faulty /= faulty + (1.0 - faulty) * odds**weight

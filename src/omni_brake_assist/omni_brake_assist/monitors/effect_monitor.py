@@ -94,8 +94,7 @@ class EffectConstants(NamedTuple):
         slip: slip at which a rim uses all of its friction [1], shape (N,).
         sliding: share of the friction of all wheels that `least_loss` assumes [1].
         reach: largest speed of a rolling rim per yaw rate [m].
-        imu_x: position of the IMU relative to the center of the wheels, x [m].
-        imu_y: position of the IMU, y [m].
+        imu: position of the IMU relative to the center of the wheels [m], shape (2,).
         empty: initial record of the memory, which is copied for a reset, shape (1,).
         allowance: missed distance that is allowed per initial speed, because brakes act with a
             delay [s].
@@ -115,8 +114,7 @@ class EffectConstants(NamedTuple):
     slip: FloatArray
     sliding: float
     reach: float
-    imu_x: float
-    imu_y: float
+    imu: FloatArray
     empty: NDArray[np.void]
     allowance: float
     least_loss: float
@@ -142,8 +140,7 @@ def effect_constants(
         slip=configuration.allocation.target_slip * geometry.radius / np.abs(geometry.rim),
         sliding=least / LEAST_FRICTION,
         reach=float(np.max(np.abs(geometry.lever))),
-        imu_x=configuration.imu_x,
-        imu_y=configuration.imu_y,
+        imu=np.array([configuration.imu_x, configuration.imu_y]),
         empty=effect_memory(),
         allowance=0.15 + configuration.brake.settling_time,
         least_loss=least,
@@ -221,8 +218,8 @@ def watch_effect(
 def _at_center(constants: EffectConstants, inertial: FloatArray) -> Triple:
     """Return readings of the IMU without its centripetal acceleration, if the yaw rate is known."""
     spin = inertial[0] ** 2 if math.isfinite(inertial[0]) else 0.0
-    x, y = spin * constants.imu_x, spin * constants.imu_y
-    return inertial[0], inertial[1] + x, inertial[2] + y
+    x, y = constants.imu
+    return inertial[0], inertial[1] + spin * x, inertial[2] + spin * y
 
 
 @lean
