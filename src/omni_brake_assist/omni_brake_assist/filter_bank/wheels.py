@@ -78,9 +78,9 @@ def fuse_wheels(
 
     A reading is modeled as a mixture of four cases: the wheel rolls; the wheel slides; the wheel is
     locked, which is possible only while the vehicle brakes; or the encoder is faulty. The speed
-    of a sliding rim is uniformly distributed: at most as fast as in rolling, or slightly faster
-    while the tire springs back after a release, and at least as fast as with the largest slip. Each
-    hypothesis assumes that at most one encoder is faulty.
+    of a sliding rim is uniformly distributed: at most as fast as in rolling, or faster while the
+    tire springs back after a release or a drive pushes the wheel, and at least as fast as with the
+    largest slip. Each hypothesis assumes that at most one encoder is faulty.
 
     Args:
         constants: constants of the vehicle.
