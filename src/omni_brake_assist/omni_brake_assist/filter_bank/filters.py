@@ -16,7 +16,7 @@ import math
 from omni_brake_assist.filter_bank import state as bank
 from omni_brake_assist.filter_bank.state import BIAS_X, BIAS_Y, RATE, STATES, U_X, U_Y
 from omni_core.kernels import lean
-from omni_core.quantities import FloatArray
+from omni_core.quantities import FloatArray, Pair
 from omni_core.signals import TwistSample
 
 GATE = 30.0
@@ -300,10 +300,14 @@ def fuse_twist(
 
 
 @lean
-def wheel_speed(constants: bank.BankConstants, state: FloatArray) -> float:
-    """Return the root mean square of the speeds of the wheels' hubs in a state [m/s]."""
+def speeds_of(constants: bank.BankConstants, state: FloatArray) -> Pair:
+    """Return the speed of the wheels' center, and the root mean square of the wheels' speeds [m/s].
+
+    Slip of driven wheels depends on the latter, and brakes may slow only the rotation.
+    """
     v_x, v_y = state[U_X] + state[RATE] * constants.p_y, state[U_Y] - state[RATE] * constants.p_x
-    return math.hypot(math.hypot(v_x, v_y), constants.reach * state[RATE])
+    speed = math.hypot(v_x, v_y)
+    return speed, math.hypot(speed, constants.reach * state[RATE])
 
 
 @lean
@@ -313,7 +317,8 @@ def weigh_braking(
     """Reduce the likelihoods of filters whose deceleration in a stop is too small.
 
     The limit is the deceleration on slippery ground. It holds for the part of the speed that cannot
-    be the swing of the vehicle on its tires, whose direction and size change quickly.
+    be the swing of the vehicle on its tires, whose direction and size change quickly. Either of the
+    speeds that `speeds_of` returns must decrease.
 
     Args:
         constants: constants of the vehicle.
@@ -327,13 +332,17 @@ def weigh_braking(
         first = (first - 1) % size
     weight = new_information(dt, constants.wheel_correlation_time)
     for k in range(bank.FILTERS):
-        newest.speed[k] = max(wheel_speed(constants, memory.state[k]) - constants.swing, 0.0)
+        center, wheels = speeds_of(constants, memory.state[k])
+        newest.speed[k, 0] = max(center - constants.swing, 0.0)
+        newest.speed[k, 1] = max(wheels - constants.swing, 0.0)
     earlier = rows[first]
     time = (newest.stamp_ns - earlier.stamp_ns) * 1e-9
     if record.braked < time + constants.spin_up or not record.equipped:
         return
+    least = constants.least_loss * pedal * time
     for k in range(bank.FILTERS):
-        least = min(constants.least_loss * pedal * time, 0.5 * earlier.speed[k])
-        missing = max(least - (earlier.speed[k] - newest.speed[k]), 0.0)
+        before, now = earlier.speed[k], newest.speed[k]
+        slow = min(least, 0.5 * before[0]) - before[0] + now[0]
+        missing = max(min(slow, min(least, 0.5 * before[1]) - before[1] + now[1]), 0.0)
         memory.evidence[k] -= weight * 0.5 * (missing / bank.WHEEL) ** 2
     memory.evidence[bank.NO_ESTIMATE] -= weight

@@ -77,8 +77,8 @@ _ROW = np.dtype(
         ("inertial", "f8", 3),
         ("fresh", "?"),
         ("age", "f8"),
-        # `filters.wheel_speed` of each filter minus `BankConstants.swing`, at least 0 [m/s].
-        ("speed", "f8", FILTERS),
+        # `filters.speeds_of` each filter minus `BankConstants.swing`, at least 0 [m/s].
+        ("speed", "f8", (FILTERS, 2)),
     ]
 )
 

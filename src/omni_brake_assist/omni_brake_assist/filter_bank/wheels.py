@@ -184,7 +184,7 @@ def _slip(constants: BankConstants, memory: BankMemory, push: float) -> float:
     # the one with the lowest yaw rate would have the smallest variance, and thus the largest
     # likelihood.
     state = memory.state[bank.NO_TWIST]
-    ground = filters.wheel_speed(constants, state)
+    _, ground = filters.speeds_of(constants, state)
     return _SLIP * ground * (ground * abs(state[RATE]) if math.isnan(push) else push)
 
 
