@@ -9,7 +9,6 @@ the sensor for a limited time only.
 import numpy as np
 
 from linescan_odometry.matching.search import PairDisplacements
-from omni_core.kernels import kernel
 from omni_core.quantities import BoolArray, FloatArray
 from omni_core.sensors import LineSensor
 
@@ -67,12 +66,9 @@ class Plausibility:
         """
         if self._rate == 0.0 or self._stamp_ns is None or stamp_ns < self._stamp_ns:  # replay
             return np.ones(len(displacement), np.bool_)
-        plausible = np.empty(len(displacement), np.bool_)
-        _mark(
-            displacement, float(stamp_ns), self._period_ns, self._stamp_ns, self._displacement,
-            (self._tolerance, self._rate), plausible,
-        )  # fmt: skip
-        return plausible
+        age_ns = self._period_ns * np.arange(len(displacement) - 1, -1, -1)
+        allowed = self._tolerance + self._rate * abs(stamp_ns - age_ns - self._stamp_ns)
+        return abs(displacement - self._displacement) <= allowed
 
     def accept(self, stamp_ns: int, lines: int, displacement: float) -> None:
         """Store a measurement, with which later displacements are compared.
@@ -84,32 +80,3 @@ class Plausibility:
         """
         self._displacement = displacement
         self._stamp_ns = stamp_ns - 0.5 * self._period_ns * (lines - 1)
-
-
-@kernel
-def _mark(
-    displacement: FloatArray,
-    newest_ns: float,
-    period_ns: float,
-    measured_ns: float,
-    expected: float,
-    reach: tuple[float, float],
-    plausible: BoolArray,
-) -> None:
-    """Write to `plausible` whether each displacement is close to the expected displacement.
-
-    Args:
-        displacement: displacements of consecutive pairs of lines [px], shape (m,).
-        newest_ns: exposure of the newest line [ns].
-        period_ns: line period [ns].
-        measured_ns: time of the last measurement [ns].
-        expected: displacement of the last measurement [px].
-        reach: permitted difference from `expected` at the time `measured_ns` [px], and its increase
-            per time before or after `measured_ns` [px/ns].
-        plausible: output, whether each displacement is permitted, shape (m,).
-    """
-    tolerance, rate = reach
-    for i in range(len(displacement)):
-        end_ns = newest_ns - period_ns * (len(displacement) - 1 - i)
-        allowed = tolerance + rate * abs(end_ns - measured_ns)
-        plausible[i] = abs(displacement[i] - expected) <= allowed
