@@ -2,9 +2,10 @@
 
 If a camera is occluded, for example by a lid or by dirt on the lens, its lines match perfectly at
 zero displacement, but so do lines of the ground at rest and in motion across the axis. A camera
-therefore counts as occluded only in three cases: its view becomes constant sooner than a vehicle
-can stop (at most 15 m/s^2), a constant view replaces another one, of which more would remain after
-any stop, or the view does not change although the camera moves.
+therefore counts as occluded only in four cases: its view becomes constant sooner than a vehicle
+can stop (at most 15 m/s^2), or while the other cameras move on; a constant view replaces another
+one, of which more would remain after any stop; or the view does not change although the camera
+moves.
 """
 
 import math
@@ -33,8 +34,8 @@ class _Motion(NamedTuple):
         stamp_ns: stamp of the twist [ns].
         interval_ns: time since the twist before [ns], at most `GAP_NS`.
         twist: mean over the batch (v_x, v_y [m/s], yaw rate [rad/s]), shape (3,).
-        deviations: standard deviation of the velocity along each camera's axis, over textures of
-            known slope [m/s].
+        deviations: standard deviation of the velocity along the axis of each camera whose view
+            changed, over textures of known slope [m/s].
     """
 
     stamp_ns: int
@@ -62,19 +63,24 @@ class UnsuitableViews:
             )
             for name, s in sensors.items()
         }
+        # A rotation counts as much as a translation that moves the farthest camera equally.
+        lever = max((math.hypot(s.x, s.y) for s in sensors.values()), default=0.0)
+        self._scale = np.array([lever, lever, 1.0])
         self._start_anew()
 
     def _start_anew(self) -> None:
         self._paths = PathsAcross(self._sensors)
         self._textures = Textures(self._sensors, self._paths)
         self._covered: dict[str, str] = {}
-        # Covered cameras whose view may also be that of a vehicle at rest: it was replaced, or
-        # other views did not change either.
+        # Covered cameras whose view may also be that of a vehicle at rest.
         self._alone: set[str] = set()
         self._static_ns: dict[str, int] = {}  # stamps at which views last were constant [ns]
-        self._twists: list[_Motion] = []  # those of the last `GAP_NS`, and the last one
-        # Deviations of the present velocities, over textures of known slope [m/s].
-        self._own: dict[str, float] = {}
+        self._last = np.zeros(3)  # last twist
+        # The last motions in which each camera certainly moved along (0) or across its axis (1),
+        # and its view changed.
+        self._motions: dict[tuple[str, int], _Motion] = {}
+        # Deviations of the present velocities of changing views, over known slopes [m/s].
+        self._own = dict.fromkeys(self._sensors, 0.0)
         self._stamp_ns = 0  # of the newest readings
 
     def stopped(
@@ -82,8 +88,9 @@ class UnsuitableViews:
     ) -> dict[str, SensorReading]:
         """Return the readings of occluded cameras, marked as unmeasured.
 
-        A camera counts as occluded if its view became constant sooner than a vehicle can stop. The
-        camera remains occluded until its view has changed for `GAP_NS`.
+        A camera counts as occluded if its view became constant sooner than a vehicle can stop, or
+        in place of another view or of a motion that the other cameras continue. The camera remains
+        occluded until its view has changed for `GAP_NS`.
 
         Args:
             stamp_ns: stamp of the readings [ns].
@@ -94,7 +101,7 @@ class UnsuitableViews:
         self._stamp_ns = stamp_ns
         # An unknown slope of the texture falsifies the velocity, but a view that shifted at this
         # velocity must change all the same.
-        self._own = {name: math.sqrt(reading.variance) for name, reading in readings.items()}
+        self._own = {n: math.sqrt(r.variance) for n, r in readings.items() if r.static_time == 0.0}
         static = {n: r for n, r in readings.items() if n in self._sensors and _is_static(r)}
         for name in self._sensors.keys() & readings.keys() - static.keys():
             # Because of noise, a constant view is not recognized in every batch.
@@ -106,12 +113,14 @@ class UnsuitableViews:
             after = self._motion_before(stamp_ns, name, reading)
             if after:
                 self._covered[name] = f"covered: its view does not change, {after}"
-            elif reading.replaced:
-                self._alone.add(name)
-                reason = "covered: its view was replaced by one that does not change"
-                self._covered.setdefault(name, reason)
+            elif reading.replaced or self._stops_alone(name, readings):
+                self._alone |= {name} - self._covered.keys()
+                cause = "was replaced by one that" if reading.replaced else "alone"
+                self._covered.setdefault(name, f"covered: its view {cause} does not change")
         resting = [name for name, reading in static.items() if reading.measured]
         at_rest = 1 < len(resting) == len(self._sensors)
+        if at_rest:
+            self._motions.clear()
         return {
             name: readings[name].rejected(reason)
             for name, reason in self._covered.items()
@@ -132,25 +141,51 @@ class UnsuitableViews:
             Description of the motion; empty if the camera may have stopped.
         """
         sensor, static_time = self._sensors[name], reading.static_time
-        for last in reversed(self._twists):
-            along, across = (abs(float(v)) for v in self._rows[name] @ last.twist)
-            if last is not self._twists[-1]:
-                across = 0.0  # it may have become too slow to change the view
-            stopping = stamp_ns - round(1e9 * static_time) - last.stamp_ns
-            shows = (
-                across * static_time > _STILL_SHARE * sensor.width
-                or along * static_time > UNSHIFTED * sensor.pixel_pitch
-            )
-            if stopping < 0 or not shows:
+        for axis, shift in enumerate((UNSHIFTED * sensor.pixel_pitch, _STILL_SHARE * sensor.width)):
+            last = self._motions.get((name, axis))
+            newest = last and last.stamp_ns == self._paths.stamps[-1]
+            # An older motion across may have become too slow to change the view.
+            if not last or not (newest or axis == 0):
                 continue
+            velocities = np.abs(self._rows[name] @ last.twist)
             # A velocity is a mean over its batch, which a vehicle that brakes reaches in the middle
             # of the batch. A view without a measurement may only seem constant.
             begun = 0.5 if reading.measured else 1.0
-            elapsed = 1e-9 * (stopping + begun * last.interval_ns)
-            speed, deviation = math.hypot(along, across), last.deviations.get(name, 0.0)
-            if speed > HARDEST_STOP * elapsed + CERTAIN * deviation:
+            elapsed = 1e-9 * (stamp_ns - last.stamp_ns + begun * last.interval_ns) - static_time
+            speed = math.hypot(*velocities) if newest else velocities[axis]
+            hard = speed > HARDEST_STOP * elapsed + CERTAIN * last.deviations[name]
+            if hard and velocities[axis] * static_time > shift:
                 return f"{1e3 * elapsed:.3g} ms after it moved at {speed:.3g} m/s"
         return ""
+
+    def _stops_alone(self, name: str, readings: Mapping[str, SensorReading]) -> bool:
+        """Return whether a camera has stopped, but at least two others hardly changed their motion.
+
+        Any acceleration of the vehicle that stops one camera changes the velocities of the others,
+        unless its direction hides it from them. The smallest acceleration that explains what the
+        others see is compared with the hidden one that the stop needs besides.
+
+        Args:
+            name: name of the camera, whose view does not change.
+            readings: readings of all cameras, keyed by name.
+        """
+        last = self._motions.get((name, 0))
+        if not last:
+            return False
+        others = [n for n in last.deviations if n in self._rows and n != name]
+        names = [name, *(n for n in others if n in readings and readings[n].measured)]
+        if len(names) < 3 or not any(_moves(readings[n]) for n in names):
+            return False
+        rows = np.array([self._rows[n][0] for n in names])
+        change = np.array([readings[n].velocity for n in names]) - rows @ last.twist
+        variance = np.array([readings[n].variance + last.deviations[n] ** 2 for n in names])
+        rows *= self._scale
+        explained = np.linalg.pinv(rows[1:])
+        seen = np.sum((explained @ change[1:]) ** 2) + np.sum(explained**2 @ variance[1:])
+        weight = np.append(1.0, -rows[0] @ explained)
+        hidden = np.sum((weight @ rows) ** 2)
+        limit = SIGNIFICANT**2 * seen * hidden + CERTAIN**2 * (weight**2 @ variance)
+        return bool((weight @ change) ** 2 > limit)
 
     def sloping(
         self, stamp_ns: int, readings: Mapping[str, SensorReading], twist: FloatArray
@@ -207,8 +242,7 @@ class UnsuitableViews:
         found: dict[str, SensorReading] = {}
         stamps = self._paths.stamps
         if stamps and 0 < stamp_ns - stamps[-1] < GAP_NS:
-            across = self._across(self._twists[-1].twist)
-            found = self._textures.sloping(stamp_ns, readings, across)
+            found = self.sloping(stamp_ns, readings, self._last)
             if len(stamps) > 1:  # a single twist may be accidental
                 return found
         # A covered camera shows nothing of the ground.
@@ -233,11 +267,12 @@ class UnsuitableViews:
             stamp_ns: stamp of the twist [ns].
             twist: measured twist (v_x, v_y [m/s], yaw rate [rad/s]), shape (3,).
         """
-        interval_ns = GAP_NS
-        if self._twists:
-            interval_ns = min(stamp_ns - self._twists[-1].stamp_ns, GAP_NS)
-        self._twists = [last for last in self._twists if stamp_ns - last.stamp_ns < GAP_NS]
-        self._twists.append(_Motion(stamp_ns, interval_ns, twist, self._own))
+        interval_ns = min(stamp_ns - max(self._paths.stamps, default=0), GAP_NS)
+        for name, rows in self._rows.items():
+            for axis, speed in enumerate(np.abs(rows @ twist)):
+                if speed > CERTAIN * self._own.get(name, math.inf):
+                    self._motions[name, axis] = _Motion(stamp_ns, interval_ns, twist, self._own)
+        self._last = twist
         self._paths.append(stamp_ns, self._across(twist))
 
     def _contradicted(
@@ -272,11 +307,7 @@ class UnsuitableViews:
                 )
                 covered = {name: reading.rejected(reason)}
         self._covered |= {name: reading.reason for name, reading in covered.items()}
-        watched = [r for name, r in readings.items() if name in self._sensors and r.measured]
-        static_views = [reading.static_time > 0.0 for reading in watched]
-        # A moving vehicle turns about one static view at most: the motion may be the false part.
-        if sum(static_views) > 1 and not all(static_views):
-            self._alone |= covered.keys()
+        self._alone |= covered.keys()
         return covered
 
 
@@ -286,6 +317,12 @@ def _is_static(reading: SensorReading) -> bool:
         return False
     kept = [decay for decay in reading.decays if decay.age <= reading.static_time]
     return all(decay.most + SIGNIFICANT * math.sqrt(decay.variance) >= 1.0 for decay in kept)
+
+
+def _moves(reading: SensorReading) -> bool:
+    """Return whether a camera certainly moves along its axis."""
+    certain = CERTAIN * math.sqrt(reading.variance)
+    return reading.measured and reading.static_time == 0.0 and abs(reading.velocity) > certain
 
 
 def _slopes(reading: SensorReading) -> bool:

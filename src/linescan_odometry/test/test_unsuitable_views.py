@@ -16,7 +16,7 @@ from linescan_odometry.measurements import Decay, SensorReading
 from linescan_odometry.sensor import SensorOdometry
 from linescan_odometry.textures import common_ground
 from linescan_odometry.unsuitable_views import UnsuitableViews
-from omni_core.sensors import LineSensor
+from omni_core.sensors import LineSensor, velocity_row
 from omni_core.signals import LineBatch
 
 PIXELS, BATCH, RATE = 256, 25, 2500.0
@@ -166,6 +166,37 @@ def test_an_uncertain_velocity_does_not_hide_the_certain_one_before() -> None:
     rest = SensorReading(0.0, 1e-8, 1.0, 1.0, True, static_time=0.0096)
     later = {"eye": rest, "other": moving, "front": front}
     assert set(views.stopped(10**9 + 3 * 10**7, later)) == {"eye"}
+
+
+@pytest.mark.parametrize(
+    ("after", "covered"),
+    [
+        ((0.3, 0.1, 0.0), True),  # the vehicle moves on
+        ((0.32, 0.11, 0.02), True),  # it accelerates a little
+        ((0.15, 0.1, 0.3), False),  # it turns about the camera
+        ((0.0, 0.05, 0.0), False),  # it brakes
+    ],
+)
+@pytest.mark.parametrize("gap", [1, 12])
+def test_a_camera_that_stops_while_the_others_move_on_is_covered(
+    after: tuple[float, float, float], covered: bool, gap: int
+) -> None:
+    """A cover that slides over the window leaves no velocity between motion and rest."""
+    cameras = three(dataclasses.replace(CAMERA, y=-0.5))
+    cameras = {**cameras, "front": dataclasses.replace(cameras["front"], x=0.6)}
+    rows = {n: velocity_row(s.x, s.y, s.heading) for n, s in cameras.items()}
+
+    def seen(twist: tuple[float, float, float]) -> dict[str, SensorReading]:
+        return {
+            n: SensorReading(float(np.dot(row, twist)), 4e-6, 1.0, 1.0, True)
+            for n, row in rows.items()
+        }
+
+    views, before = UnsuitableViews(cameras), (0.3, 0.1, 0.0)
+    drive(views, 10**9, seen(before), np.array(before))
+    rest = SensorReading(0.0, 1e-6, 1.0, 1.0, True, static_time=0.0096)
+    found = views.stopped(10**9 + (gap + 4) * 10**7, {**seen(after), "eye": rest})
+    assert set(found) == ({"eye"} if covered else set())
 
 
 def test_a_single_twist_confirms_no_texture() -> None:
