@@ -1,6 +1,7 @@
 """Differences between the wheels of a robot description and those of its controller."""
 
 import math
+import re
 from collections.abc import Mapping
 
 import numpy as np
@@ -24,13 +25,19 @@ def compare(found: Described, robot: Robot, wheels: Wheels, controller: Controll
             f"{robot.file}, ({plain(0.0 - x)}, {plain(0.0 - y)}) m in {controller.name}; "
             f"used: {robot.file}; measure from {robot.base} to the axles"
         )
-    if controller.base in robot.links:
-        apart = robot.pose(controller.base)[:2, 3]
+    frame = re.split(r"[/>)}]", controller.base)[-1]
+    if frame in robot.links:
+        apart = robot.pose(frame)[:2, 3]
         if np.linalg.norm(apart) > 1e-3:
             found.contradictions.append(
-                f"{controller.name} moves {controller.base}, which is at ({plain(apart[0])}, "
+                f"{controller.name} moves {frame}, which is at ({plain(apart[0])}, "
                 f"{plain(apart[1])}) m in {robot.base}; used: {robot.base}"
             )
+    elif not any(name.endswith(frame) for name in robot.links):
+        found.contradictions.append(
+            f"{controller.name} moves {frame}, which is no link of {robot.file}; used: "
+            f"{robot.base}; correct base_frame_id, or the name of the link"
+        )
     arms = {joint: place - center for joint, place in places.items()}
     _compare_directions(found, robot.file, arms, controller)
     _compare_lengths(found, robot.file, np.array(list(arms.values())), controller)

@@ -4,6 +4,7 @@
 controllers of robots that name the same quantities otherwise (`_NAMES`).
 """
 
+import functools
 import math
 import re
 from collections.abc import Iterator, Mapping
@@ -31,14 +32,22 @@ CORNERS = {
     "rear_right": (-1.0, -1.0),
     "rear_left": (-1.0, 1.0),
 }
-_JOINT = re.compile(r"(front|rear)_(left|right)_(?!.*state)(?!.*multiplier).*(name|joint)")
+_JOINT = re.compile(
+    r"(front|rear)_(left|right)_(?!.*(?:state|multiplier|steer)).*(?:name|joint|wheel)"
+)
+# Names with another word than those of the published controllers, and what they become.
+_RENAMED = (
+    (r"^(kinematics\.|omni_)", ""),
+    ("^(left|right)_(front|rear|back)_", r"\2_\1_"),
+    ("^back_", "rear_"),
+)
 # Section and name of a parameter; files of ROS 1 have no `ros__parameters`.
 _PARAMETER = re.compile(r"(.*?)/ros__parameters/(.+)|(/[^/]+)/(.+)")
 # Names of a quantity without the prefix `kinematics.`; those of the published controllers first.
 _NAMES = {
     "radius": ("wheels_radius", "wheel_radius"),
     "sum": ("sum_of_robot_center_projection_on_X_Y_axis",),
-    "wheelbase": ("wheel_separation_x", "wheel_base", "wheelbase"),
+    "wheelbase": ("wheel_separation_x", "wheel_base", "wheelbase", "axis_separation"),
     "track": ("wheel_separation_y", "wheel_separation", "wheel_track", "track_width"),
     "robot_radius": ("robot_radius", "wheel_distance"),
     "wheel_offset": ("wheel_offset",),
@@ -172,7 +181,7 @@ def read_controllers(path: Path) -> list[Controller]:
     for node, named in nodes.items():
         name = node.rpartition("/")[2]
         values = {
-            re.sub("^back_", "rear_", re.sub(r"^(kinematics\.|omni_)", "", key)): value
+            functools.reduce(lambda key, one: re.sub(*one, key), _RENAMED, key): value
             for key, value in named.items()
         }
         declared = str(every.get(f"{name}.type", values.get("type", "")))

@@ -75,6 +75,11 @@ def describe(
     found = Described()
     found.kind = _kind(found, wheels, controller, kind)
     if found.kind == OMNI:
+        if controller is None and _are_parallel(wheels):
+            raise refused(
+                f"the axles in {robot.file} are parallel, so omni-wheels could not move the robot "
+                "sideways; correct <axis> of the joints, or rpy of their <origin>"
+            )
         wheels = _outward(robot, wheels)
     _place_wheels(found, robot.file, wheels, controller, radius)
     steering = possibly_steering(robot, wheels)

@@ -103,7 +103,7 @@ class Robot:
         joints: joints, keyed by name.
         parents: joint that holds a link, keyed by link; the root has none.
         base: name of the link in whose frame poses are given; the root unless it is changed.
-        driven: names of the joints that ros2_control drives by velocity.
+        driven: names of the joints that ros2_control drives by velocity alone.
         grips: directions of friction for Gazebo, keyed by link.
 
     Raises:
@@ -130,10 +130,10 @@ class Robot:
         self.joints = self._by_name(self._joint(one) for one in root.findall("joint"))
         if partial and self.links:
             self._keep_connected()
-        self.driven = tuple(
-            joint.get("name", "")
-            for joint in root.findall("ros2_control/joint/command_interface[@name='velocity']/..")
-        )
+        driven = root.findall("ros2_control/joint/command_interface[@name='velocity']/..")
+        # The joints of arms have commands of position, too.
+        arms = root.findall("ros2_control/joint/command_interface[@name='position']/..")
+        self.driven = [joint.get("name", "") for joint in driven if joint not in arms]
         self.grips = {
             element.get("reference", ""): direction
             for element in root.findall("gazebo")

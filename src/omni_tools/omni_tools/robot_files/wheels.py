@@ -163,8 +163,8 @@ def _check_not_steered(robot: Robot, wheel: Joint) -> None:
         if joint.kind in _MOVING:
             raise refused(
                 f"the wheel {wheel.name} of {robot.file} is steered by the joint {joint.name}; "
-                "the files of a vehicle describe wheels of a fixed direction (if only a "
-                "simulation steers them, give --kind mecanum)"
+                "begin with a copy of config/vehicles/swerve_robot.yaml (if only a simulation "
+                "steers them, give --kind mecanum)"
             )
 
 

@@ -37,6 +37,7 @@ _REASONS = {
     r"No such file or directory: '([^']+)'": "lacks the file {0}",
     r"Undefined substitution argument (\S+)": "the argument {0} has no value",
     r"name '(\w+)' is not defined": "the property {0} is not defined ({1})",
+    "(maximum recursion depth)": "includes or calls itself without end",
 }
 _UNDEFINED = re.compile(r"the property (\S+) is not defined|unknown macro name: xacro:(\S+)")
 # An include, or a definition of a name, in the old syntax of xacro.
@@ -98,8 +99,6 @@ def _expanded(
         raise
     except ExpatError as error:
         problem = f"is not valid XML: {error}"
-    except RecursionError:
-        problem = "includes or calls itself without end"
     except Exception as error:  # xacro passes on every error of an evaluated expression
         problem = _reason(error)
         if found := re.fullmatch(r"the argument (\S+) has no value", problem):

@@ -192,9 +192,23 @@ drive:
   linear: {x: {max_velocity: 1.1}}
 ekf: {frequency: 50, odom0: /drive/odom}
 """
+LEFT_FRONT = """
+drive:
+  ros__parameters:
+    type: omni_drive_controller/OmniDriveController
+    left_front_wheel: fl
+    left_back_wheel: rl
+    right_front_wheel: fr
+    right_back_wheel: rr
+    axis_separation: 0.4
+    wheel_separation: 0.3
+    wheel_radius: 0.05
+"""
 
 
-@pytest.mark.parametrize("text", [PUBLISHED, FLAT, OTHER_NAMES, OLDER_NAMES, COMMON_FACTORS, ROS_1])
+@pytest.mark.parametrize(
+    "text", [PUBLISHED, FLAT, OTHER_NAMES, OLDER_NAMES, COMMON_FACTORS, ROS_1, LEFT_FRONT]
+)
 def test_parameters_of_any_release_are_read(text: str, tmp_path: Path) -> None:
     path = tmp_path / "controllers.yaml"
     path.write_text(text)
@@ -266,4 +280,8 @@ def test_other_nodes_are_no_drive_controllers(tmp_path: Path) -> None:
     path.write_text(yaml.safe_dump(tree))
     assert read_controllers(path) == []
     path.write_text("ros__parameters: {alpha1: 0.2}")  # the name of the node is missing
+    assert read_controllers(path) == []
+    corners = ("front_left", "front_right", "rear_left", "rear_right")
+    forks = {f"{corner}_steering": {"joint": f"{corner}_fork"} for corner in corners}
+    path.write_text(yaml.safe_dump({"robot": forks}))
     assert read_controllers(path) == []

@@ -484,8 +484,11 @@ def test_wheels_are_found_by_what_drives_them_or_where_they_are(described: Write
         f'<joint name="{name}"><command_interface name="velocity"/></joint>'
         for name in ("fl", "fr", "rl", "rr")
     )
-    extra = f'{arm}<ros2_control name="a" type="system">{driven}</ros2_control>'
-    assert set(described(mecanum_urdf(name="{}", extra=extra)).wheels) == {"fl", "fr", "rl", "rr"}
+    both = driven[: driven.index("</joint>")].replace("fl", "shoulder")
+    for names in (driven, f'{driven}{both}<command_interface name="position"/></joint>'):
+        extra = f'{arm}<ros2_control name="a" type="system">{names}</ros2_control>'
+        found = described(mecanum_urdf(name="{}", extra=extra))
+        assert set(found.wheels) == {"fl", "fr", "rl", "rr"}
 
 
 def test_rollers_are_no_wheels(described: Write) -> None:
@@ -622,6 +625,19 @@ def test_steered_wheels_and_several_controllers_are_refused(described: Write) ->
         described(mecanum_urdf(), CONTROLLER, other)
     same = CONTROLLER.replace("drive:", "other:").replace(": base_link", ": base_footprint")
     described(mecanum_urdf(), CONTROLLER, same)
+
+
+def test_parallel_axles_of_omni_wheels_are_refused(described: Write) -> None:
+    with pytest.raises(ConfigurationError, match="axles in robot.urdf are parallel, so omni-wheel"):
+        described(mecanum_urdf(), kind="omni")
+
+
+@pytest.mark.parametrize("frame", ["base_link", "$(var prefix)base_link", "robot1/base_link", "a"])
+def test_the_frame_of_the_controller_is_a_link(frame: str, described: Write) -> None:
+    text = CONTROLLER.replace(": base_link", f': "{frame}"')
+    found = described(mecanum_urdf(), text).contradictions
+    assert [one for one in found if "moves a, which is no link of robot.urdf" in one] == found
+    assert len(found) == (frame == "a")
 
 
 def test_only_a_camera_that_looks_down_is_a_ground_sensor(described: Write) -> None:
@@ -779,6 +795,10 @@ def test_xacro_finds_files_that_a_package_installs_elsewhere(tmp_path: Path) -> 
         (('<xacro:arg name="track" default="0.3"/>', ""), "track has no value; give track:=VALUE"),
         (("${track / 2}", "$(arg a)$(arg b)"), "argument a has no value; give a:=VALUE b:=VALUE;"),
         (("<xacro:wheel", "<xacro:whel"), "unknown macro name: xacro:whel"),
+        (
+            ("</robot>", '<xacro:include filename="robot.urdf.xacro"/></robot>'),
+            "calls itself without end; on the robot",
+        ),
         (("<xacro:wheel", "<xacro:wheel<"), "is not valid XML"),
         (
             ("<link", '<property name="a" value="1"/><link size="${a}"'),
