@@ -394,7 +394,7 @@ def _of_option(key: str, row: int, factor: float, stated: Stated) -> Cause:
 def _of_sensor(key: str, kind: str, factor: float) -> Cause:
     """Return the cause that the scale of a sensor is wrong."""
     quantity, remedy = {
-        "twist fl": ("twist sensor: speed", "check height, scale and unit of its sensors"),
+        "twist fl": ("twist sensor: speed", "check wiring, height, scale, unit of its sensors"),
         "twist f": ("twist sensor: v_x", "check scale and unit of its sensors"),
         "twist l": ("twist sensor: v_y", "check scale and unit of its sensors"),
         "twist t": (

@@ -226,8 +226,8 @@ def _mounting_errors(
             axis = "y" if forward[0] > 0.0 else "x"
             yield Cause(key, f"{sensor}: {axis} has the wrong sign", f"negate its {axis}")
     elif abs(mean) > tolerance:
-        degrees = 180 - round(180.0 - math.degrees(mean)) % 360  # 180 instead of -180
-        name = f"{sensor}: mounted {degrees} deg off"
+        degrees = 180.0 - round(180.0 - math.degrees(mean), 1) % 360.0  # 180 instead of -180
+        name = f"{sensor}: mounted {degrees:.4g} deg off"
         yield Cause(key, name, "subtract this angle from its heading")
 
 

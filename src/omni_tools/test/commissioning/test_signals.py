@@ -15,7 +15,7 @@ from omni_core.quantities import FloatArray
 from omni_runs.recorded_run import Stream
 from omni_runs.workspace import ExperimentWorkspace
 from omni_tools.commissioning import command, signals
-from omni_tools.commissioning.signals import motions_of, signals_of
+from omni_tools.commissioning.signals import Motions, motions_of, signals_of
 
 WHEELS = ("left", "right")
 SECOND_NS = 10**9
@@ -72,20 +72,34 @@ def test_a_drive_without_a_stop_is_refused(position: tuple[float, ...]) -> None:
         motions_of(signals_of(streams(400, position=position), WHEELS))
 
 
-def test_wheels_that_turn_at_rest_are_named_with_their_speed() -> None:
-    rest, fast = [(0.3, 0.0)] * 100, [(10.0, 10.0)] * 100
-    speeds = [*rest, *fast, *rest, *fast, *rest, *fast, *rest, *fast]
+def moved(at_rest: float, pedals: Callable[[int], float]) -> Motions:
+    """Return the motions of a drive of 8 s that moves in every other second, and ends in a stop.
+
+    Args:
+        at_rest: speed of the left wheel at rest [rad/s].
+        pedals: demand in a row, of which a second has 100.
+    """
+    rest, fast = [(at_rest, 0.0)] * 100, [(10.0, 10.0)] * 100
     period = SECOND_NS // 100
     states = [
         (row * period, SimpleNamespace(name=list(WHEELS), velocity=np.array(one)))
-        for row, one in enumerate(speeds)
+        for row, one in enumerate([*rest, *fast] * 4)
     ]
-    pedals = [
-        (row * period, SimpleNamespace(position=[float(row > 750)])) for row in range(len(speeds))
-    ]
-    drive = {"wheel_states": Stream.of(states), "brake/pedal": Stream.of(pedals)}
+    demands = [(row * period, SimpleNamespace(position=[pedals(row)])) for row in range(800)]
+    drive = {"wheel_states": Stream.of(states), "brake/pedal": Stream.of(demands)}
+    return motions_of(signals_of(drive, WHEELS), WHEELS)
+
+
+def test_wheels_that_turn_at_rest_are_named_with_their_speed() -> None:
     with pytest.raises(ConfigurationError, match=r"turn at rest, too: left 0\.3 rad/s: stop"):
-        motions_of(signals_of(drive, WHEELS), WHEELS)
+        moved(0.3, lambda row: float(row > 750))
+
+
+def test_brakes_may_hold_the_vehicle_at_rest() -> None:
+    held = moved(0.0, lambda row: float(row > 750 or 10 <= row % 200 < 80))
+    assert np.all(held.angle == moved(0.0, lambda row: float(row > 750)).angle)
+    with pytest.raises(ConfigurationError, match=r"turn at rest, too: left 10 rad/s"):
+        moved(10.0, lambda row: float(row >= 0))
 
 
 def test_other_joints_are_ignored() -> None:
