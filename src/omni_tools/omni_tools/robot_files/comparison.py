@@ -1,7 +1,6 @@
 """Differences between the wheels of a robot description and those of its controller."""
 
 import math
-import re
 from collections.abc import Mapping
 
 import numpy as np
@@ -25,72 +24,55 @@ def compare(found: Described, robot: Robot, wheels: Wheels, controller: Controll
             f"{robot.file}, ({plain(0.0 - x)}, {plain(0.0 - y)}) m in {controller.name}; "
             f"used: {robot.file}; measure from {robot.base} to the axles"
         )
-    frame = re.split(r"[/>)}]", controller.base)[-1]
-    if frame in robot.links:
-        apart = robot.pose(frame)[:2, 3]
+    if controller.base in robot.links:
+        apart = robot.pose(controller.base)[:2, 3]
         if np.linalg.norm(apart) > 1e-3:
             found.contradictions.append(
-                f"{controller.name} moves {frame}, which is at ({plain(apart[0])}, "
+                f"{controller.name} moves {controller.base}, which is at ({plain(apart[0])}, "
                 f"{plain(apart[1])}) m in {robot.base}; used: {robot.base}"
             )
-    elif not any(name.endswith(frame) for name in robot.links):
+    elif controller.base:
         found.contradictions.append(
-            f"{controller.name} moves {frame}, which is no link of {robot.file}; used: "
+            f"{controller.name} moves {controller.base}, which is no link of {robot.file}; used: "
             f"{robot.base}; correct base_frame_id, or the name of the link"
         )
     arms = {joint: place - center for joint, place in places.items()}
-    _compare_directions(found, robot.file, arms, controller)
-    _compare_lengths(found, robot.file, np.array(list(arms.values())), controller)
-
-
-def _compare_directions(
-    found: Described, file: str, arms: Mapping[str, FloatArray], controller: Controller
-) -> None:
-    """List wheels in other directions from the center than a controller assumes.
-
-    Args:
-        found: receives the sentences.
-        file: name of the robot description.
-        arms: positions of the wheels from their center [m], keyed by joint.
-        controller: the controller.
-    """
-    remedy = f"used: {file}; turn each wheel by hand and look at the name of its velocity"
-    if controller.kind == MECANUM:
-        wrong = [
-            f"{joint} is {corner}"
-            for corner, joint in controller.joints.items()
-            if tuple(np.sign(arms[joint])) != CORNERS[corner]
-        ]
-        if wrong:
-            found.contradictions.append(
-                f"{', '.join(wrong)} in {controller.name}, but elsewhere in {file}; {remedy}"
-            )
-        return
-    for joint, (heading, _) in controller.assumed.items():
-        angle = math.degrees(math.atan2(*arms[joint][::-1]))
-        if abs(wrapped(angle - heading - 90.0)) > PARALLEL:
-            found.contradictions.append(
-                f"{joint}: its direction from the center is {angle:.0f} deg in {file}, "
-                f"{wrapped(heading + 90.0):.0f} deg in {controller.name}; {remedy}"
-            )
-
-
-def _compare_lengths(found: Described, file: str, arms: FloatArray, controller: Controller) -> None:
-    """List distances of the wheels that differ from those of a controller.
-
-    Args:
-        found: receives the sentences.
-        file: name of the robot description.
-        arms: positions of the N wheels from their center [m], shape (N, 2).
-        controller: the controller.
-    """
-    wheelbase, track = np.ptp(arms, axis=0).tolist()
+    wrong = _expected_elsewhere(arms, controller)
+    if wrong:
+        found.contradictions.append(
+            f"{', '.join(wrong)} in {controller.name}, but elsewhere in {robot.file}; used: "
+            f"{robot.file}; turn each wheel by hand and look at the name of its velocity"
+        )
+    wheelbase, track = np.ptp(list(arms.values()), axis=0).tolist()
+    distance = float(np.mean([np.hypot(*arm) for arm in arms.values()]))
     remedy = "measure it; a larger one of the controller may be tuned for slip in turns"
     for what, described, assumed in (
         ("wheelbase", wheelbase, controller.wheelbase),
         ("track", track, controller.track),
         ("half of wheelbase plus track", 0.5 * (wheelbase + track), controller.sum),
-        ("mean distance from the center", np.hypot(*arms.T).mean(), controller.robot_radius),
+        ("mean distance from the center", distance, controller.robot_radius),
     ):
         if assumed is not None:
-            found.differ(what, {file: described, controller.name: assumed}, file, remedy)
+            lengths = {robot.file: described, controller.name: assumed}
+            found.differ(what, lengths, robot.file, remedy)
+
+
+def _expected_elsewhere(arms: Mapping[str, FloatArray], controller: Controller) -> list[str]:
+    """Return the wheels in other directions from the center than a controller expects, and where.
+
+    Args:
+        arms: positions of the wheels from their center [m], keyed by joint.
+        controller: the controller.
+    """
+    if controller.kind == MECANUM:
+        return [
+            f"{joint} is {corner}"
+            for corner, joint in controller.joints.items()
+            if tuple(np.sign(arms[joint])) != CORNERS[corner]
+        ]
+    angles = {joint: math.degrees(math.atan2(*arm[::-1])) for joint, arm in arms.items()}
+    return [
+        f"{joint} is at {wrapped(heading + 90.0):.0f} deg instead of {angles[joint]:.0f} deg"
+        for joint, (heading, _) in controller.assumed.items()
+        if abs(wrapped(angles[joint] - heading - 90.0)) > PARALLEL
+    ]

@@ -4,7 +4,6 @@
 controllers of robots that name the same quantities otherwise (`_NAMES`).
 """
 
-import functools
 import math
 import re
 from collections.abc import Iterator, Mapping
@@ -33,13 +32,7 @@ CORNERS = {
     "rear_left": (-1.0, 1.0),
 }
 _JOINT = re.compile(
-    r"(front|rear)_(left|right)_(?!.*(?:state|multiplier|steer)).*(?:name|joint|wheel)"
-)
-# Names with another word than those of the published controllers, and what they become.
-_RENAMED = (
-    (r"^(kinematics\.|omni_)", ""),
-    ("^(left|right)_(front|rear|back)_", r"\2_\1_"),
-    ("^back_", "rear_"),
+    "(?=.*(front|rear|back))(?=.*(left|right))(?!.*(state|multiplier|steer)).*(name|joint|wheel)"
 )
 # Section and name of a parameter; files of ROS 1 have no `ros__parameters`.
 _PARAMETER = re.compile(r"(.*?)/ros__parameters/(.+)|(/[^/]+)/(.+)")
@@ -181,7 +174,7 @@ def read_controllers(path: Path) -> list[Controller]:
     for node, named in nodes.items():
         name = node.rpartition("/")[2]
         values = {
-            functools.reduce(lambda key, one: re.sub(*one, key), _RENAMED, key): value
+            re.sub("^back_", "rear_", re.sub(r"^(kinematics\.|omni_)", "", key)): value
             for key, value in named.items()
         }
         declared = str(every.get(f"{name}.type", values.get("type", "")))
@@ -252,7 +245,7 @@ def _joints(kind: str, values: Mapping[str, Any], name: str) -> dict[str, str]:
             raise refused(f"{name}: wheel_names must list three or more joints")
         return {str(row): str(joint) for row, joint in enumerate(names)}
     found = {
-        f"{corner[1]}_{corner[2]}": str(joint)
+        f"{corner[1]}_{corner[2]}".replace("back", "rear"): str(joint)
         for key, joint in values.items()
         if joint and (corner := _JOINT.fullmatch(key))
     }

@@ -64,7 +64,13 @@ def describe(
     Raises:
         ConfigurationError: the files describe no vehicle on omni-wheels.
     """
-    _check_one(controllers)
+    for first, other in itertools.pairwise(controllers):
+        # The frame of the twist is no kinematics.
+        if other._replace(name=first.name, base=first.base) != first:
+            raise refused(
+                f"several controllers drive wheels in different ways: {first.name} and "
+                f"{other.name}; give the file of the one that runs"
+            )
     controller = controllers[0] if controllers else None
     if robot is None:
         return _of_controller(controller, radius)
@@ -95,16 +101,6 @@ def describe(
     weigh(found, robot, wheels, ground)
     find_sensors(found, robot)
     return found
-
-
-def _check_one(controllers: Sequence[Controller]) -> None:
-    for first, other in itertools.pairwise(controllers):
-        # The frame of the twist is no kinematics.
-        if other._replace(name=first.name, base=first.base) != first:
-            raise refused(
-                f"several controllers drive wheels in different ways: {first.name} and "
-                f"{other.name}; give the file of the one that runs"
-            )
 
 
 def _of_controller(controller: Controller | None, radius: float | None) -> Described:
@@ -197,7 +193,7 @@ def _place_wheels(
 ) -> None:
     """Enter position, direction, rollers, radius and width of each wheel."""
     center = np.mean([wheel.place[:2] for wheel in wheels], axis=0)
-    assumed = {} if controller is None else controller.assumed
+    assumed = {} if controller is None else _assumed(wheels, controller)
     if controller is None and found.kind == MECANUM and not _are_parallel(wheels):
         assumed = {wheel.joint: (0.0, 1.0) for wheel in wheels}
     alike: dict[tuple[tuple[str, float], ...], list[str]] = {}  # joints with the same radii
@@ -236,6 +232,21 @@ def _place_wheels(
     if found.kind == MECANUM:
         _estimate_rollers(found, file, wheels, controller)
     _ask_about_names(found, wheels)
+
+
+def _assumed(wheels: Wheels, controller: Controller) -> dict[str, tuple[float, float]]:
+    """Return heading [deg] and factor of the radius that a controller assumes for each wheel.
+
+    If it expects an omni-wheel elsewhere, the wheel turns the robot in the same sense there.
+    """
+    center = np.mean([wheel.place[:2] for wheel in wheels], axis=0)
+    x, y = np.transpose([wheel.place[:2] - center for wheel in wheels])
+    across = np.degrees(np.arctan2(y, x)) - 90.0
+    at_place = dict(zip((wheel.joint for wheel in wheels), across.tolist(), strict=True))
+    return {
+        joint: (heading if controller.kind == MECANUM else wrapped(at_place[joint]), factor)
+        for joint, (heading, factor) in controller.assumed.items()
+    }
 
 
 def _rolling_direction(assumed: float, by_axis: float) -> float:
@@ -284,7 +295,7 @@ def _ask_about_directions(
     """List wheels that by their axis roll sideways, backward, or against the other omni-wheels."""
     forward: dict[str, float] = {}
     if controller is not None:
-        forward = {joint: heading for joint, (heading, _) in controller.assumed.items()}
+        forward = {joint: heading for joint, (heading, _) in _assumed(wheels, controller).items()}
     elif found.kind == MECANUM and _are_parallel(wheels):
         forward = {wheel.joint: 0.0 for wheel in wheels}
     by_axis = {wheel.joint: wheel.heading_deg for wheel in wheels}

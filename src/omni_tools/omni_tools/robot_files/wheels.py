@@ -3,7 +3,7 @@
 import math
 import re
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -76,17 +76,14 @@ def base_link(robot: Robot, controller: Controller | None) -> str:
 
 
 def matched(robot: Robot, controller: Controller) -> Controller:
-    """Return a controller with the joints' names of the robot, without namespaces and `$(var ...)`.
+    """Return a controller with the names of joints and base frame of the robot.
 
     Raises:
         ConfigurationError: a joint of the controller is missing.
     """
     names = {}
     for key, name in controller.joints.items():
-        short = re.split(r"[/>)}]", name)[-1]
-        alike = [one for one in robot.joints if one == name] or [
-            one for one in robot.joints if re.search(rf"(^|[/_>]){re.escape(short)}$", one)
-        ]
+        alike = _alike(name, robot.joints)
         if len(alike) != 1:
             what = f"{len(alike)} of them" if alike else "no such joint"
             raise refused(
@@ -94,7 +91,14 @@ def matched(robot: Robot, controller: Controller) -> Controller:
                 f"{what}{did_you_mean(name, robot.joints)}"
             )
         names[key] = alike[0]
-    return controller._replace(joints=names)
+    base = min(_alike(controller.base, robot.links), key=len, default=controller.base)
+    return controller._replace(joints=names, base=base)
+
+
+def _alike(name: str, names: Iterable[str]) -> list[str]:
+    """Return the names that are a controller's without its namespaces and `$(var ...)`."""
+    ending = rf"(^|[/_>]){re.escape(re.split('[/>)}]', name)[-1])}$"
+    return [one for one in names if one == name] or [one for one in names if re.search(ending, one)]
 
 
 def described_wheels(
@@ -124,7 +128,13 @@ def described_wheels(
             "file of the controller, which names the joints of the wheels"
         )
     for joint in joints if kind is None else ():
-        _check_not_steered(robot, joint)
+        steering = [one.name for one in _upright_above(robot, joint) if one.kind in _MOVING]
+        if steering:
+            raise refused(
+                f"the wheel {joint.name} of {robot.file} is steered by the joint {steering[0]}; "
+                "begin with a copy of config/vehicles/swerve_robot.yaml (if only a simulation "
+                "steers them, give --kind mecanum)"
+            )
     return [_wheel(robot, joint) for joint in joints]
 
 
@@ -156,16 +166,6 @@ def _outermost(robot: Robot, joints: Sequence[Joint]) -> list[Joint]:
         for joint in joints
         if not any(above.name in names for above in robot.chain(joint.parent))
     ]
-
-
-def _check_not_steered(robot: Robot, wheel: Joint) -> None:
-    for joint in _upright_above(robot, wheel):
-        if joint.kind in _MOVING:
-            raise refused(
-                f"the wheel {wheel.name} of {robot.file} is steered by the joint {joint.name}; "
-                "begin with a copy of config/vehicles/swerve_robot.yaml (if only a simulation "
-                "steers them, give --kind mecanum)"
-            )
 
 
 def possibly_steering(robot: Robot, wheels: Wheels) -> list[str]:

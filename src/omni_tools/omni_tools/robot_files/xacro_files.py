@@ -14,7 +14,6 @@ import re
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
-from xml.parsers.expat import ExpatError
 
 from omni_core.configuration import ConfigurationError, did_you_mean
 from omni_core.files import read_text
@@ -38,6 +37,7 @@ _REASONS = {
     r"Undefined substitution argument (\S+)": "the argument {0} has no value",
     r"name '(\w+)' is not defined": "the property {0} is not defined ({1})",
     "(maximum recursion depth)": "includes or calls itself without end",
+    r"(.*: line \d+, column \d+)$": "is not valid XML: {0}",
 }
 _UNDEFINED = re.compile(r"the property (\S+) is not defined|unknown macro name: xacro:(\S+)")
 # An include, or a definition of a name, in the old syntax of xacro.
@@ -97,8 +97,6 @@ def _expanded(
         return str(document.toxml())
     except ConfigurationError:
         raise
-    except ExpatError as error:
-        problem = f"is not valid XML: {error}"
     except Exception as error:  # xacro passes on every error of an evaluated expression
         problem = _reason(error)
         if found := re.fullmatch(r"the argument (\S+) has no value", problem):
@@ -123,10 +121,8 @@ def _expanded(
 def _reason(error: Exception) -> str:
     """Return what a file lacks, in words, from an error of xacro."""
     text = " ".join(str(error).split()) or type(error).__name__
-    for pattern, words in _REASONS.items():
-        if found := re.search(pattern, text):
-            return words.format(found[1], text)
-    return text
+    found = ((re.search(pattern, text), words) for pattern, words in _REASONS.items())
+    return next((words.format(one[1], text) for one, words in found if one), text)
 
 
 def _guarded(

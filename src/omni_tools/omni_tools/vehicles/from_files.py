@@ -51,8 +51,7 @@ def described_vehicle(
         raise refused(f"{problem}; it may include others")
     robot, skipped = None, list[str]()
     for path in descriptions:
-        lacking = skipped if skip_missing else None
-        text = read_description(path, arguments, trust, lacking)
+        text = read_description(path, arguments, trust, skipped if skip_missing else None)
         robot = Robot(path.name, text, partial=bool(skipped))
     found = describe(robot, list(itertools.chain(*read.values())), kind, radius)
     found.questions += [

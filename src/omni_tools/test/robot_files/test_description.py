@@ -120,6 +120,11 @@ base:
     assert ("radius" in found.wheels["a"]) == named
     assert named or any("wheels are meshes" in one for one in found.questions)
     assert named or any("taken as omni-wheels" in one for one in found.questions)
+    # Where the controller expects other wheels, each turns the robot in the same sense.
+    elsewhere = controller.replace("1.047", "-2.094").replace("[a, b, c]", "[a, c, b]")
+    found = described(omni_urdf(), *([elsewhere] if named else []))
+    assert headings == {name: wheel.get("heading_deg", 0.0) for name, wheel in found.wheels.items()}
+    assert len(found.contradictions) == named
 
 
 def test_mecanum_wheels_may_be_described_with_the_axes_of_their_rollers(described: Write) -> None:
