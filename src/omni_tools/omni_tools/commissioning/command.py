@@ -220,10 +220,12 @@ def _signals(
     options: Options, workspace: ExperimentWorkspace, wheels: tuple[str, ...]
 ) -> "Signals":
     """Return the signals of a running vehicle or of a recording."""
+    from omni_runs.experiment import CONFIGURATION
     from omni_tools.commissioning.signals import MOTIONS, read_signals
 
     axes = None
-    if (Path(options.vehicle) / "experiment.yaml").exists():
+    simulated = (options.recording / CONFIGURATION).exists()  # with an IMU in axes of base_link
+    if not simulated and (Path(options.vehicle) / "experiment.yaml").exists():
         experiment = workspace.experiment_library().load(options.vehicle)
         axes = rotation_matrix(experiment.brake_assist.imu_rotation_deg)
     if options.recording != _LIVE:

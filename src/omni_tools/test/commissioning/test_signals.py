@@ -124,6 +124,9 @@ def test_an_imu_in_its_own_axes_is_turned_as_the_folder_of_the_vehicle_states(
         options = command.Options(recording=tmp_path, vehicle=name)
         command._signals(options, workspace, WHEELS)
     assert axes[1] is None
+    (tmp_path / "configuration.yaml").touch()  # as in a simulated run
+    command._signals(command.Options(recording=tmp_path, vehicle=str(tmp_path)), workspace, WHEELS)
+    assert axes[2] is None
     message = SimpleNamespace(
         header=SimpleNamespace(stamp=SimpleNamespace(sec=0, nanosec=0)),
         angular_velocity=SimpleNamespace(x=0.0, y=0.0, z=-0.5),
