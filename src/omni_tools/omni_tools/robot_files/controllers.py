@@ -32,7 +32,8 @@ CORNERS = {
     "rear_left": (-1.0, 1.0),
 }
 _JOINT = re.compile(
-    "(?=.*(front|rear|back))(?=.*(left|right))(?!.*(state|multiplier|steer)).*(name|joint|wheel)"
+    "(?=(?:left_|right_)?(front|rear|back)_)(?=(?:front_|rear_|back_)?(left|right)_)"
+    "(?!.*(?:state|multiplier|steer)).*(?:name|joint|wheel)"
 )
 # Section and name of a parameter; files of ROS 1 have no `ros__parameters`.
 _PARAMETER = re.compile(r"(.*?)/ros__parameters/(.+)|(/[^/]+)/(.+)")
