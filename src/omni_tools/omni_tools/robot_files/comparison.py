@@ -71,8 +71,9 @@ def _expected_elsewhere(arms: Mapping[str, FloatArray], controller: Controller) 
             if tuple(np.sign(arms[joint])) != CORNERS[corner]
         ]
     angles = {joint: math.degrees(math.atan2(*arm[::-1])) for joint, arm in arms.items()}
+    expected = {joint: wrapped(one[0] + 90.0) for joint, one in controller.assumed.items()}
     return [
-        f"{joint} is at {wrapped(heading + 90.0):.0f} deg instead of {angles[joint]:.0f} deg"
-        for joint, (heading, _) in controller.assumed.items()
-        if abs(wrapped(angles[joint] - heading - 90.0)) > PARALLEL
+        f"{joint} is at {angle:.0f} deg instead of {angles[joint]:.0f} deg"
+        for joint, angle in expected.items()
+        if abs(wrapped(angles[joint] - angle)) > PARALLEL
     ]
