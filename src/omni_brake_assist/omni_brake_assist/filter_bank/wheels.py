@@ -101,7 +101,7 @@ def fuse_wheels(
     repeated = braking and _is_repeated(constants, memory, speeds)
     for i in range(speeds.size):
         rim = constants.roll[i] * speeds[i]
-        change = rim - memory.rim[i]
+        last = memory.rim[i] if math.isfinite(memory.rim[i]) else rim
         load = pedal * enable[i] if enable[i] > bank.RELEASED else 0.0
         _follow_slowest(constants, memory, i, dt, braking, load)
         memory.rim[i], memory.wheel_ratio[i] = rim, math.nan
@@ -114,8 +114,8 @@ def fuse_wheels(
         if slow or share > memory.mark[i] + _GAIN / free:
             memory.idle[i], memory.mark[i] = 0.0, share
         memory.idle[i] += dt
-        variance = own + ((_LAG * change / dt) ** 2 if math.isfinite(change) else 0.0)
-        wheel = _mixture(constants, memory, i, dt, load, variance, rim - change)
+        variance = own + (_LAG * (rim - last) / dt) ** 2
+        wheel = _mixture(constants, memory, i, dt, load, variance, last)
         faulty = memory.faulty[best, i]
         likelihood = (1.0 - faulty) * (wheel.locked + 1.0 / wheel.span) ** weight
         memory.evidence[bank.NO_ESTIMATE] += math.log(likelihood + faulty * wheel.faulty**weight)

@@ -118,6 +118,17 @@ def test_a_possible_wheel_speed_is_used(
     assert not isolated_encoder(mecanum, speed, enable, change=STEP)
 
 
+@pytest.mark.parametrize("sense", [1.0, -1.0])
+def test_the_wheel_of_a_drive_is_judged_from_its_first_reading_in_a_stop(
+    mecanum: dict[str, WheelMount], sense: float
+) -> None:
+    def speed(time: float, rolling: float) -> float:
+        return sense * rolling if time > 0.1 else np.nan
+
+    drive = BrakeConfiguration(kind="velocity")
+    assert isolated_encoder(mecanum, speed, 1.0, brake=drive) == (sense < 0.0)
+
+
 @pytest.mark.safety(
     "the stop is longer or rotates more",
     "an encoder of a released wheel reads 0, with `allocation` and brakes that act at once",
