@@ -8,6 +8,7 @@ import pytest
 from omni_brake_assist.configuration import BrakeAssistConfiguration
 from omni_brake_assist.filter_bank import state as bank
 from omni_brake_assist.filter_bank.bank import estimate
+from omni_brake_assist.filter_bank.filters import speeds_of
 from omni_core.geometry import PlatformGeometry, WheelMount
 from omni_core.kinematics import PlatformKinematics
 from omni_core.quantities import FloatArray
@@ -147,6 +148,16 @@ class Drive:
 @pytest.fixture(params=[(0.0, 0.0), (0.5, -0.3)])
 def drive(mecanum: dict[str, WheelMount], request: pytest.FixtureRequest) -> Drive:
     return Drive(mecanum, request.param)
+
+
+def test_the_speeds_of_a_filter_are_those_of_the_wheels(drive: Drive) -> None:
+    v_x, v_y, rate = 0.4, -0.3, 2.0
+    state = np.zeros(bank.STATES)
+    state[bank.U_X], state[bank.U_Y] = v_x - rate * drive.place[1], v_y + rate * drive.place[0]
+    state[bank.RATE] = rate
+    x, y = drive.kinematics.geometry.position.T
+    wheels = math.sqrt(np.mean((v_x - rate * y) ** 2 + (v_y + rate * x) ** 2))
+    assert speeds_of(drive.constants, state) == pytest.approx((math.hypot(v_x, v_y), wheels))
 
 
 @pytest.mark.parametrize("heading", [0.0, 1.6, 3.1])

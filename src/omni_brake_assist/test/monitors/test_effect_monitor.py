@@ -115,11 +115,11 @@ def test_a_position_beside_the_axis_of_a_spin_hides_no_missing_effect(
     mecanum: dict[str, WheelMount], speed: float
 ) -> None:
     found, rate = [], 2.0
-    for imu_x in (0.0, 0.6):
-        configuration = BrakeAssistConfiguration(wheels=mecanum, imu_x=imu_x)
+    for x, y in ((0.0, 0.0), (0.6, 0.4)):
+        configuration = BrakeAssistConfiguration(wheels=mecanum, imu_x=x, imu_y=y)
         constants = effect_constants(configuration, PlatformGeometry.from_wheels(mecanum))
         speeds = constants.active @ np.array([speed, 0.0, rate]) / constants.roll
-        felt, ledger = np.array([rate, -(rate**2) * imu_x, 0.0]), effect_memory()
+        felt, ledger = np.array([rate, -(rate**2) * x, -(rate**2) * y]), effect_memory()
         watch_effect(constants, ledger, DT, 0.0, False, speeds, felt)
         steps = range(1, 3000)
         trips = (watch_effect(constants, ledger, DT, 1.0, True, speeds, felt) for _ in steps)
