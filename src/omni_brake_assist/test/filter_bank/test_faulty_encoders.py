@@ -118,6 +118,14 @@ def test_a_possible_wheel_speed_is_used(
     assert not isolated_encoder(mecanum, speed, enable, change=STEP)
 
 
+def test_a_wheel_that_its_drive_pushes_is_no_faulty_encoder(mecanum: dict[str, WheelMount]) -> None:
+    def slower(time: float, rolling: float) -> float:  # than the vehicle slows down
+        return rolling + 5.0 * time
+
+    assert isolated_encoder(mecanum, slower, 1.0)
+    assert not isolated_encoder(mecanum, slower, 1.0, brake=BrakeConfiguration(kind="velocity"))
+
+
 @pytest.mark.parametrize("sense", [1.0, -1.0])
 def test_the_wheel_of_a_drive_is_judged_from_its_first_reading_in_a_stop(
     mecanum: dict[str, WheelMount], sense: float
