@@ -276,7 +276,7 @@ def _estimate(
     if parted:
         best = other
     if not flaw:
-        flaw = _flaw(best, moves, view, camera, layout, last)
+        flaw = _flaw(best, moves, view, camera, layout)
     if parted and not flaw:
         pattern = _remembered(pattern, best, layout, camera.fading)
     few = weak or best.fit.features < FEWEST
@@ -395,7 +395,7 @@ def _visible(view: View, layout: candidates.Layout, displacement: float) -> bool
 
 @kernel
 def _flaw(
-    best: Solution, moves: bool, view: View, camera: Camera, layout: candidates.Layout, last: float
+    best: Solution, moves: bool, view: View, camera: Camera, layout: candidates.Layout
 ) -> str:
     """Return the reason why a displacement is invalid; empty if it is valid.
 
@@ -405,7 +405,6 @@ def _flaw(
         view: the batch.
         camera: constants of the camera.
         layout: sizes of the batch.
-        last: last valid displacement per line [px]; NaN without one.
     """
     shift = abs(best.motion[0]) * (len(view.logs) - 1)
     if not best.variance < camera.widest:
@@ -414,11 +413,9 @@ def _flaw(
         return "low texture" if shift > candidates.APART else ""
     if best.fit.difference > _TWO_MOTIONS:
         return "two motions"
-    few = shift >= candidates.APART and best.fit.features < FEWEST
+    if shift < candidates.APART:
+        return ""
+    few = best.fit.features < FEWEST
     if layout.lines >= spectra.FEWEST_LINES:
-        # A shadow moves with a velocity of its own; the ground continues the last displacement, at
-        # accelerations that make the hardest stop a significant one.
-        usual = camera.change * (layout.lines - 1) / spectra.SIGNIFICANT
-        follows = abs(best.motion[0] - last) < usual
-        few = not follows and may_be_shadow(best.motion, view, layout)
+        few = may_be_shadow(best.motion, view, layout)
     return "dominated by few features" if few else ""

@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
 from linescan_odometry.joint.estimator import Estimate, JointEstimator
-from linescan_odometry.plausibility import Plausibility
 from omni_core.sensors import LineSensor
 
 LINES, PIXELS = 26, 1024
@@ -17,24 +16,20 @@ CAMERA = LineSensor(x=0.0, y=0.0, heading_deg=0.0, pixels=PIXELS)
 GROUND, SHADOW = 12.3, -4.6  # px by which the views of both shift from line to line
 
 
-def _lines(contrast: float, depth: float, shift: float = GROUND) -> NDArray[np.uint8]:
-    """Return lines of a ground [gray levels] that shifts [px/line], with a bar of shadow [1]."""
+def _estimate(contrast: float, depth: float) -> Estimate:
+    """Return the displacement over a ground [gray levels] with a bar of shadow [1]."""
     generator = np.random.default_rng(8)
     ground = gaussian_filter1d(generator.normal(0.0, 1.0, 2 * PIXELS), 4.0)
     ground *= contrast / ground.std()
     place = np.arange(PIXELS)
     lines: list[NDArray[Any]] = []
     for k in range(LINES):
-        seen = np.interp(place + 400.0 - shift * k, np.arange(2 * PIXELS), ground)
+        seen = np.interp(place + 400.0 - GROUND * k, np.arange(2 * PIXELS), ground)
         edge = np.abs(place - 500.0 - SHADOW * k)
         shaded = 1.0 - depth / (1.0 + np.exp((edge - 100.0) / 10.0))
         lines.append((120.0 + seen) * shaded + generator.normal(0.0, 1.0, PIXELS))
-    return np.rint(lines).clip(0, 255).astype(np.uint8)
-
-
-def _estimate(contrast: float, depth: float) -> Estimate:
-    """Return the displacement over a ground [gray levels] with a bar of shadow [1]."""
-    return JointEstimator(CAMERA, PIXELS // 2).estimate(_lines(contrast, depth))
+    levels = np.rint(lines).clip(0, 255).astype(np.uint8)
+    return JointEstimator(CAMERA, PIXELS // 2).estimate(levels)
 
 
 @pytest.mark.parametrize("depth", [0.0, 0.5])
@@ -46,11 +41,3 @@ def test_a_bar_of_shadow_is_no_rival_of_the_ground_that_it_moves_over(depth: flo
 
 def test_a_bar_of_shadow_over_a_smooth_ground_is_no_motion_of_the_ground() -> None:
     assert _estimate(0.0, 0.3).reason
-
-
-@pytest.mark.parametrize(("shift", "follows"), [(SHADOW, True), (SHADOW + 1.0, False)])
-def test_what_continues_the_last_displacement_is_no_shadow(shift: float, follows: bool) -> None:
-    """A joint looks like a bar of shadow, which has no reason to move like the ground before it."""
-    eye = JointEstimator(CAMERA, PIXELS // 2)
-    eye.measure(_lines(12.0, 0.0, shift), Plausibility(CAMERA, 50.0, 0.25), 10**9)
-    assert (not eye.estimate(_lines(0.0, 0.3)).reason) == follows
