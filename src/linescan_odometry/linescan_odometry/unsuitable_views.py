@@ -74,7 +74,8 @@ class UnsuitableViews:
         self._covered: dict[str, str] = {}
         # Covered cameras whose view may also be that of a vehicle at rest.
         self._alone: set[str] = set()
-        self._static_ns: dict[str, int] = {}  # stamps at which views last were constant [ns]
+        # Stamps since and at which views last were constant, with gaps of up to `GAP_NS` [ns].
+        self._static_ns: dict[str, tuple[int, int]] = {}
         self._last = np.zeros(3)  # last twist
         # The last motions in which each camera certainly moved along (0) or across its axis (1),
         # and its view changed.
@@ -105,11 +106,14 @@ class UnsuitableViews:
         static = {n: r for n, r in readings.items() if n in self._sensors and _is_static(r)}
         for name in self._sensors.keys() & readings.keys() - static.keys():
             # Because of noise, a constant view is not recognized in every batch.
-            if stamp_ns - self._static_ns.get(name, stamp_ns) > GAP_NS:
+            if stamp_ns - self._static_ns.get(name, (0, stamp_ns))[1] > GAP_NS:
                 self._covered.pop(name, None)
-        self._static_ns |= dict.fromkeys(static, stamp_ns)
         self._alone &= self._covered.keys()
         for name, reading in static.items():
+            begun_ns, ended_ns = self._static_ns.get(name, (0, -GAP_NS))
+            if stamp_ns - ended_ns > GAP_NS:
+                begun_ns = stamp_ns - round(1e9 * reading.static_time)
+            self._static_ns[name] = begun_ns, stamp_ns
             after = self._motion_before(stamp_ns, name, reading)
             if after:
                 self._covered[name] = f"covered: its view does not change, {after}"
@@ -163,7 +167,8 @@ class UnsuitableViews:
 
         Any acceleration of the vehicle that stops one camera changes the velocities of the others,
         unless its direction hides it from them. The smallest acceleration that explains what the
-        others see is compared with the hidden one that the stop needs besides.
+        others see is compared with the hidden one that the stop needs besides. A stop that was
+        measured almost to its end must also be harder than usual.
 
         Args:
             name: name of the camera, whose view does not change.
@@ -171,6 +176,11 @@ class UnsuitableViews:
         """
         last = self._motions.get((name, 0))
         if not last:
+            return False
+        elapsed_ns = self._static_ns[name][0] - last.stamp_ns
+        usual = HARDEST_STOP / SIGNIFICANT * 1e-9 * max(elapsed_ns + 0.5 * last.interval_ns, 0.0)
+        speed = abs(float(self._rows[name][0] @ last.twist))
+        if elapsed_ns < GAP_NS and speed < usual + CERTAIN * last.deviations[name]:
             return False
         others = [n for n in last.deviations if n in self._rows and n != name]
         names = [name, *(n for n in others if n in readings and readings[n].measured)]

@@ -193,10 +193,25 @@ def test_a_camera_that_stops_while_the_others_move_on_is_covered(
         }
 
     views, before = UnsuitableViews(cameras), (0.3, 0.1, 0.0)
-    drive(views, 10**9, seen(before), np.array(before))
+    for stamp_ns in (10**9 - 10**7, 10**9):
+        drive(views, stamp_ns, seen(before), np.array(before))
     rest = SensorReading(0.0, 1e-6, 1.0, 1.0, True, static_time=0.0096)
     found = views.stopped(10**9 + (gap + 4) * 10**7, {**seen(after), "eye": rest})
     assert set(found) == ({"eye"} if covered else set())
+
+
+def test_a_camera_that_is_seen_to_slow_down_is_not_covered() -> None:
+    """The others see no motion across their axes, which may end while the vehicle drives on."""
+    views, moving = UnsuitableViews(three(CAMERA)), SensorReading(0.3, 4e-6, 1.0, 1.0, True)
+    sideways = ((0.03, 4e-6), (0.03, 4e-6), (0.01, 0.01**2), (0.0, 0.01**2))
+    for batch, (speed, variance) in enumerate(sideways):
+        front = SensorReading(speed, variance, 1.0, 1.0, True)
+        seen = {"eye": moving, "other": moving, "front": front}
+        drive(views, 10**9 + 10**7 * batch, seen, np.array([0.3, speed, 0.0]))
+    rest = SensorReading(0.0, 1e-8, 1.0, 1.0, True, static_time=0.0096)
+    for batch in range(4, 16):
+        seen = {"eye": moving, "other": moving, "front": rest}
+        assert not views.stopped(10**9 + 10**7 * batch, seen)
 
 
 def test_a_single_twist_confirms_no_texture() -> None:
