@@ -222,7 +222,7 @@ def _place_wheels(
     for pairs, names in alike.items():
         remedy = "measure the height of the axle of the loaded wheel"
         found.differ(f"radius of {', '.join(names)}", dict(pairs), pairs[0][0], remedy)
-    _ask_about_directions(found, file, wheels, controller)
+    _ask_about_directions(found, file, wheels, controller, assumed)
     if not alike:
         found.questions.append(
             "the shapes of the wheels are meshes or have no size: which radius do they have "
@@ -290,12 +290,16 @@ def _estimate_rollers(
 
 
 def _ask_about_directions(
-    found: Described, file: str, wheels: Wheels, controller: Controller | None
+    found: Described,
+    file: str,
+    wheels: Wheels,
+    controller: Controller | None,
+    assumed: Mapping[str, tuple[float, float]],
 ) -> None:
     """List wheels that by their axis roll sideways, backward, or against the other omni-wheels."""
     forward: dict[str, float] = {}
     if controller is not None:
-        forward = {joint: heading for joint, (heading, _) in _assumed(wheels, controller).items()}
+        forward = {joint: heading for joint, (heading, _) in assumed.items()}
     elif found.kind == MECANUM and _are_parallel(wheels):
         forward = {wheel.joint: 0.0 for wheel in wheels}
     by_axis = {wheel.joint: wheel.heading_deg for wheel in wheels}
